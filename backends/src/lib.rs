@@ -1,1 +1,7 @@
-//! Placeholder
+//! Physics engines behind `elo-core`'s `Simulator`.
+//!
+//! Adding a backend: a folder with a config and an implementation (for robots with legs, implement
+//! [`locomotion::body::ArticulatedBody`] and the observation, reward and reset come with it), its `mod` line below and its
+//! line in [`PLUGINS`]. A Cargo feature only where it links a library that may be absent.
+
+pub mod locomotion;

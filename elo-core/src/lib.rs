@@ -1,1 +1,19 @@
-//! Placeholder
+//! The domain and the algorithm of early-life options (Weber et al. 2019): tasks, contexts, simulators as traits,
+//! teachers, options, metrics, Algorithm 1, and the run directory in which its units of work are kept.
+//!
+//! This crate knows no physics engine, no learner, no Python and no command line. Those implement its traits and hand
+//! it their [`plugin::Plugin`] slices.
+
+pub mod agent;
+pub mod conformance;
+pub mod context;
+pub mod fault;
+pub mod metric;
+pub mod plugin;
+pub mod policy;
+pub mod rollout;
+pub mod seed;
+pub mod simulator;
+pub mod spec;
+pub mod task;
+pub mod tensors;

@@ -1,0 +1,3 @@
+//! What all engines share about robots with legs.
+
+pub mod body;

@@ -1,0 +1,224 @@
+//! Teachers and options, and the inert configs that train and learn them.
+//!
+//! Policies are pure functions of observation, elapsed steps and a random stream: they hold no state that changes, so
+//! one object serves all threads.
+
+use std::fmt;
+
+use crate::context::InitialStates;
+use crate::fault::Faults;
+use crate::seed::{Seed, Stream};
+use crate::simulator::{BuildError, SimulatorConfig};
+use crate::spec::SimulatorSpec;
+use crate::task::Task;
+use crate::tensors::{TensorError, Tensors};
+
+/// `π*_τ`: a policy that is near-optimal in one task.
+pub trait TeacherPolicy: Send + Sync {
+    /// Writes the action for `observation`. Without `noise` it is the policy's mean action, with it a sample.
+    fn act(&self, observation: &[f32], noise: Option<&mut Stream>, action: &mut [f32]);
+}
+
+/// `(I_o, π_o, β_o)`: one early-life option.
+pub trait OptionPolicy: Send + Sync + fmt::Debug {
+    /// `I_o(s) > 0`: how much the agent prefers to start this option here. 1 for options without an initiation set.
+    fn interest(&self, _observation: &[f32]) -> f32 {
+        1.0
+    }
+
+    /// `π_o`: writes the action, `elapsed` control steps after the option began.
+    fn act(&self, observation: &[f32], elapsed: usize, noise: &mut Stream, action: &mut [f32]);
+
+    /// `β_o`: the probability that the option ends here, after `elapsed >= 1` of its actions.
+    fn termination(&self, observation: &[f32], elapsed: usize) -> f64;
+
+    /// The option as tensors of one declared format, see [`PolicyFormat`].
+    fn record(&self) -> PolicyRecord;
+}
+
+/// An option policy at rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PolicyRecord {
+    /// The [`PolicyFormat::name`] that reads it.
+    pub format: String,
+    /// Its numbers.
+    pub tensors: Tensors,
+}
+
+/// How option policies of one kind are stored. Any number of learners may write one format.
+#[derive(Clone, Copy)]
+pub struct PolicyFormat {
+    /// Its name in option-set files.
+    pub name: &'static str,
+    /// What the tensors are, with their shapes.
+    pub summary: &'static str,
+    /// Makes the policy for a robot of this spec.
+    pub load: fn(&Tensors, &SimulatorSpec) -> Result<Box<dyn OptionPolicy>, TensorError>,
+}
+
+/// How teachers are trained: `[teacher]` of a config, by its `kind`.
+#[typetag::serde(tag = "kind")]
+pub trait TeacherConfig: fmt::Debug + Send + Sync {
+    /// Finds every fault of the fields.
+    fn validate(&self, faults: &mut Faults);
+
+    /// Simulator steps that one training takes, for estimates.
+    fn simulator_steps(&self) -> u64;
+
+    /// Trains one teacher. The bytes depend on nothing but the lesson, also when it was interrupted at a checkpoint and
+    /// taken up again.
+    ///
+    /// # Errors
+    /// See [`TrainError`].
+    fn train(&self, lesson: &Lesson<'_>, monitor: &mut dyn Monitor) -> Result<Trained, TrainError>;
+
+    /// The policy before any training, as [`Self::load`] reads it.
+    fn untrained(&self, spec: &SimulatorSpec, seed: &Seed) -> Tensors;
+
+    /// Makes a policy of stored tensors.
+    ///
+    /// # Errors
+    /// Tensors of another shape.
+    fn load(&self, tensors: &Tensors, spec: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError>;
+}
+
+/// What one teacher is to learn.
+#[derive(Clone, Debug)]
+pub struct Lesson<'a> {
+    /// Where it practises.
+    pub simulator: &'a dyn SimulatorConfig,
+    /// The task that it is to master.
+    pub task: &'a Task,
+    /// `d0`, from which a share of its episodes begins.
+    pub initial_states: &'a InitialStates,
+    /// The root of its random streams.
+    pub seed: Seed,
+}
+
+/// A trained teacher.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trained {
+    /// The policy, as [`TeacherConfig::load`] reads it.
+    pub policy: Tensors,
+    /// The policy at intervals during training, for learning curves; the last is `policy`.
+    pub snapshots: Vec<Snapshot>,
+    /// What was seen during training, by its increasing `steps`.
+    pub curve: Vec<CurvePoint>,
+}
+
+/// The policy after `steps` simulator steps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    /// Simulator steps taken so far.
+    pub steps: u64,
+    /// The policy, as [`TeacherConfig::load`] reads it.
+    pub policy: Tensors,
+}
+
+/// One point of a learning curve.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CurvePoint {
+    /// Simulator steps taken so far.
+    pub steps: u64,
+    /// Mean undiscounted return of the training episodes that ended since the last point; `None` if none did.
+    pub mean_return: Option<f64>,
+    /// Mean length of those episodes in control steps.
+    pub mean_length: Option<f64>,
+}
+
+/// How a long computation talks to whoever runs it.
+pub trait Monitor {
+    /// The newest checkpoint of this computation, if it was interrupted.
+    fn resume(&mut self) -> Option<Vec<u8>>;
+
+    /// Stores a checkpoint.
+    ///
+    /// # Errors
+    /// [`Stopped`] when it could not be stored or the computation is to stop; it can be taken up from here.
+    fn checkpoint(&mut self, bytes: &[u8]) -> Result<(), Stopped>;
+
+    /// Tells how far it is: `done` of `total` simulator steps.
+    ///
+    /// # Errors
+    /// [`Stopped`] when the computation is to stop now.
+    fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped>;
+}
+
+/// A [`Monitor`] for tests and library users: no checkpoints, no reports, never stops.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unwatched;
+
+impl Monitor for Unwatched {
+    fn resume(&mut self) -> Option<Vec<u8>> {
+        None
+    }
+    fn checkpoint(&mut self, _: &[u8]) -> Result<(), Stopped> {
+        Ok(())
+    }
+    fn progress(&mut self, _: u64, _: u64) -> Result<(), Stopped> {
+        Ok(())
+    }
+}
+
+/// The computation was asked to stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("stopped before the end")]
+pub struct Stopped;
+
+/// Why a training gave no teacher.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TrainError {
+    /// Losses or parameters stopped being finite, or the policy collapsed. Worth another seed.
+    #[error("diverged after {steps} steps: {reason}")]
+    Diverged {
+        /// Simulator steps taken until then.
+        steps: u64,
+        /// What was seen.
+        reason: String,
+    },
+    /// Asked to stop; resumable from the last checkpoint.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+    /// The simulator could not be built.
+    #[error(transparent)]
+    Build(#[from] BuildError),
+    /// Anything else.
+    #[error("{0}")]
+    Other(String),
+}
+
+/// How options are learned from recordings: `[option_learner]` of a config, by its `kind`.
+#[typetag::serde(tag = "kind")]
+pub trait OptionLearner: fmt::Debug + Send + Sync {
+    /// Finds every fault of the fields.
+    fn validate(&self, faults: &mut Faults);
+
+    /// Makes the option that reproduces `demonstration`.
+    ///
+    /// # Errors
+    /// A sentence that says why it cannot be reproduced.
+    fn learn(
+        &self,
+        demonstration: &Demonstration,
+        spec: &SimulatorSpec,
+        seed: &Seed,
+    ) -> Result<Box<dyn OptionPolicy>, String>;
+}
+
+/// `h_i`: what a teacher saw and did for `T` control steps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Demonstration {
+    /// `T` rows of `observation_size` numbers: what was seen before each action.
+    pub observations: Vec<f32>,
+    /// `T` rows of `action_size` numbers.
+    pub actions: Vec<f32>,
+    /// `T`.
+    pub steps: usize,
+}
+
+impl fmt::Debug for PolicyFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PolicyFormat").field("name", &self.name).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,157 @@
+//! The only loop that steps a simulator to measure something.
+
+use serde::{Deserialize, Serialize};
+
+use crate::agent::Agent;
+use crate::context::{Context, continue_past_end};
+use crate::seed::Stream;
+use crate::simulator::{End, Simulator, SimulatorError};
+
+/// How long a rollout lasts and what is summed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Horizon {
+    /// Control steps at most; at least 1.
+    pub steps: usize,
+    /// `γ` of the return, in (0, 1].
+    pub discount: f64,
+    /// Whether a fall ends the return (its step's reward counts, nothing after it). Otherwise the rollout goes on from
+    /// the fallen state, for simulators whose state can be set.
+    pub stop_at_fall: bool,
+}
+
+/// What one rollout gave.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rollout {
+    /// `Σ γ^i term_i` of every reward term; their inner product with a task's prices is the return.
+    pub term_sums: Vec<f64>,
+    /// Control steps taken.
+    pub length: u32,
+    /// How it ended.
+    pub ending: Ending,
+    /// Steps whose action lay outside the spec's bounds and was clamped by the simulator.
+    pub clamped: u32,
+}
+
+/// How a rollout ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// It lasted the whole horizon.
+    Horizon,
+    /// The robot fell.
+    Terminated,
+    /// The environment cut it short. Its return is not that of the horizon, so it counts as failed.
+    Truncated,
+    /// The simulator gave up; the text says why. The other fields tell how far it came and mean nothing else.
+    Failed(String),
+}
+
+impl Ending {
+    /// Whether the sums are a return of the option rather than an accident of the simulator.
+    pub fn is_valid(&self) -> bool {
+        matches!(self, Self::Horizon | Self::Terminated)
+    }
+}
+
+/// Sees every step of a rollout.
+pub trait Witness {
+    /// `action` was chosen at `observation`.
+    fn step(&mut self, observation: &[f32], action: &[f32]);
+}
+
+/// The witness that does not look.
+impl Witness for () {
+    fn step(&mut self, _: &[f32], _: &[f32]) {}
+}
+
+/// Runs `agent` in `context`. A simulator's error becomes [`Ending::Failed`]: an outcome to be counted, never dropped.
+///
+/// Cost: the simulator's own steps and, besides them, a pass over observation, action and terms.
+pub fn rollout(
+    simulator: &mut dyn Simulator,
+    agent: &mut dyn Agent,
+    context: &Context,
+    horizon: &Horizon,
+    noise: &mut Stream,
+) -> Rollout {
+    watched(simulator, agent, Setting { context, horizon }, noise, &mut ())
+}
+
+/// Where and for how long a watched rollout runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting<'a> {
+    /// Its task and start.
+    pub context: &'a Context,
+    /// Its length.
+    pub horizon: &'a Horizon,
+}
+
+/// [`rollout`] under the eyes of `witness`.
+pub fn watched(
+    simulator: &mut dyn Simulator,
+    agent: &mut dyn Agent,
+    setting: Setting<'_>,
+    noise: &mut Stream,
+    witness: &mut dyn Witness,
+) -> Rollout {
+    let mut so_far = Rollout {
+        term_sums: vec![0.0; simulator.spec().reward_terms.len()],
+        length: 0,
+        ending: Ending::Horizon,
+        clamped: 0,
+    };
+    if let Err(error) = run(simulator, agent, setting, noise, (witness, &mut so_far)) {
+        so_far.ending = Ending::Failed(error.to_string());
+    }
+    so_far
+}
+
+fn run(
+    simulator: &mut dyn Simulator,
+    agent: &mut dyn Agent,
+    Setting { context, horizon }: Setting<'_>,
+    noise: &mut Stream,
+    (witness, so_far): (&mut dyn Witness, &mut Rollout),
+) -> Result<(), SimulatorError> {
+    let (low, high) = (simulator.spec().action_low.clone(), simulator.spec().action_high.clone());
+    let mut observation = vec![0.0; simulator.spec().observation_size];
+    let mut action = vec![0.0; low.len()];
+    let mut terms = vec![0.0; so_far.term_sums.len()];
+    let mut weight = 1.0;
+
+    context.start.begin(simulator, &context.task, &mut observation)?;
+    agent.begin(&observation, noise);
+    for _ in 0..horizon.steps {
+        agent.act(&observation, noise, &mut action);
+        witness.step(&observation, &action);
+        so_far.clamped +=
+            u32::from(action.iter().zip(low.iter().zip(&high)).any(|(a, (l, h))| a < l || a > h));
+        let end = simulator.step(&action, &mut observation, &mut terms)?;
+        if !(observation.iter().all(|x| x.is_finite()) && terms.iter().all(|x| x.is_finite())) {
+            return Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()));
+        }
+        for (sum, term) in so_far.term_sums.iter_mut().zip(&terms) {
+            *sum += weight * term;
+        }
+        weight *= horizon.discount;
+        so_far.length += 1;
+        match end {
+            End::Running => {}
+            End::Terminated if horizon.stop_at_fall => {
+                so_far.ending = Ending::Terminated;
+                return Ok(());
+            }
+            End::Terminated => continue_past_end(simulator, &context.task, &mut observation)?,
+            End::Truncated => {
+                so_far.ending = Ending::Truncated;
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// `R(τ) = Σ_k w_k(τ) · term_k`: the return that `prices` (see [`crate::spec::SimulatorSpec::prices`]) give to term sums.
+pub fn price(term_sums: &[f64], prices: &[f64]) -> f64 {
+    term_sums.iter().zip(prices).map(|(sum, price)| sum * price).sum()
+}
