@@ -72,7 +72,7 @@ pub fn scott(sample: &[f64]) -> Result<f64, StatisticsError> {
     check_result(sample_sd(&ordered)? * (ordered.len() as f64).powf(-0.2), "a bandwidth")
 }
 
-/// Improved Sheather–Jones plug-in bandwidth (Botev, Grotowski and Kroese 2010, section 3.2, Algorithm 1): the fixed
+/// Improved Sheather–Jones plug-in bandwidth (Botev, Grotowski and Kroese 2010, Algorithm 1): the fixed
 /// point of `t = ξ γ^[ℓ](t)` with `ℓ = 7`, which assumes no normal reference anywhere.
 ///
 /// The sample is binned linearly on 1024 cells over twice its range, so the cosine series sees no edge. Where the
@@ -155,7 +155,7 @@ fn fixed_point(distinct: f64, coefficients: &[f64]) -> Option<f64> {
 }
 
 /// `ξ γ^[ℓ](t)`: the time that minimises the asymptotic error when the norm of derivative `ℓ` is estimated at `t`
-/// (Botev et al. 2010, Eq. 27–29). `None` when a norm vanishes or overflows.
+/// and each lower one at the time that is best for it. `None` when a norm vanishes or overflows.
 fn plug_in_time(t: f64, distinct: f64, coefficients: &[f64]) -> Option<f64> {
     let mut norm = derivative_norm(STAGES, t, coefficients)?;
     for s in (2..STAGES).rev() {

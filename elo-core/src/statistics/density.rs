@@ -48,7 +48,7 @@ impl Density {
     }
 
     /// Estimate with a given bandwidth `h > 0`, the standard deviation of the kernel in the sample's unit. Between two
-    /// bounds, a bandwidth beyond their distance is cut to it: the curve is flat to 1 % by then.
+    /// bounds, a bandwidth beyond their distance is cut to it: the curve is flat to 1.5 % by then.
     ///
     /// # Errors
     /// - an empty sample, or values that are not finite;
@@ -256,6 +256,9 @@ mod tests {
             [0.0, 0.0, 1.0, 1.0]
         );
         assert_eq!(density.grid(3), [0.0, 0.5, 1.0]);
+        let wide = Density::with_bandwidth(&[0.3], 1e12, bounds).unwrap();
+        assert_eq!(wide.bandwidth(), 1.0);
+        assert!((wide.pdf(0.3) - 1.0).abs() < 0.015 && (wide.pdf(1.0) - 1.0).abs() < 0.015);
         // Slope 0 at the bounds: the curve is even around them.
         assert!((density.pdf(1e-6) - density.pdf(0.0)).abs() < 1e-9);
     }
