@@ -1,8 +1,8 @@
 //! How wide the kernel of a [`Density`](super::density::Density) should be.
 //!
-//! All rules follow the sample when it is shifted or scaled. A sample without spread (one value, or values equal but for
-//! rounding or underflow) has no bandwidth of its own; every rule then answers [`SPIKE`] of its magnitude, so its curve is a narrow
-//! spike where the values are.
+//! All rules follow the sample when it is shifted or scaled. A sample without spread (one value, or values
+//! equal but for rounding or underflow) has no bandwidth of its own; every rule then answers [`SPIKE`] of its
+//! magnitude, so its curve is a narrow spike where the values are.
 
 use super::summary::{quantile_of_sorted, sample_sd, sorted};
 use super::{StatisticsError, check_result, check_sample};
@@ -49,8 +49,8 @@ impl BandwidthRule {
     }
 }
 
-/// `0.9 · min(sd, IQR / 1.34) · n^(−1/5)` (Silverman 1986, Eq. 3.31), with the sample standard deviation and type-7
-/// quartiles. When half of the values are equal and the IQR is 0, the standard deviation stands alone.
+/// `0.9 · min(sd, IQR / 1.34) · n^(−1/5)` (Silverman 1986, Eq. 3.31), with the sample standard deviation and
+/// type-7 quartiles. When half of the values are equal and the IQR is 0, the standard deviation stands alone.
 pub fn silverman(sample: &[f64]) -> Result<f64, StatisticsError> {
     let ordered = sorted(sample);
     if let Some(spike) = spike(&ordered)? {
@@ -62,8 +62,8 @@ pub fn silverman(sample: &[f64]) -> Result<f64, StatisticsError> {
     check_result(0.9 * spread * (ordered.len() as f64).powf(-0.2), "a bandwidth")
 }
 
-/// `sd · n^(−1/5)` with the sample standard deviation, as scipy's `gaussian_kde` has Scott's rule (without the factor
-/// 1.06 of the normal reference).
+/// `sd · n^(−1/5)` with the sample standard deviation, as scipy's `gaussian_kde` has Scott's rule (without
+/// the factor 1.06 of the normal reference).
 pub fn scott(sample: &[f64]) -> Result<f64, StatisticsError> {
     let ordered = sorted(sample);
     if let Some(spike) = spike(&ordered)? {
@@ -75,8 +75,8 @@ pub fn scott(sample: &[f64]) -> Result<f64, StatisticsError> {
 /// Improved Sheather–Jones plug-in bandwidth (Botev, Grotowski and Kroese 2010, Algorithm 1): the fixed
 /// point of `t = ξ γ^[ℓ](t)` with `ℓ = 7`, which assumes no normal reference anywhere.
 ///
-/// The sample is binned linearly on 1024 cells over twice its range, so the cosine series sees no edge. Where the
-/// equation has no root (few or heavily tied values), the answer is that of [`silverman`]. Costs about
+/// The sample is binned linearly on 1024 cells over twice its range, so the cosine series sees no edge. Where
+/// the equation has no root (few or heavily tied values), the answer is that of [`silverman`]. Costs about
 /// `2 · min(2n, 1024) · 1024` operations for the transform, and a few milliseconds for the root.
 pub fn improved_sheather_jones(sample: &[f64]) -> Result<f64, StatisticsError> {
     let ordered = sorted(sample);
@@ -101,8 +101,8 @@ fn spike(ordered: &[f64]) -> Result<Option<f64>, StatisticsError> {
     Ok((high - low <= (NO_SPREAD * magnitude).max(SMALLEST_RANGE)).then(|| SPIKE * magnitude.max(1e-3)))
 }
 
-/// Shares of the sample on [`CELLS`] equal cells of `[start, start + width]`; each value is split between the two
-/// nearest cell centres in proportion to its nearness. All values must be a cell or more inside.
+/// Shares of the sample on [`CELLS`] equal cells of `[start, start + width]`; each value is split between the
+/// two nearest cell centres in proportion to its nearness. All values must be a cell or more inside.
 fn linear_bins(sample: &[f64], start: f64, width: f64) -> Vec<f64> {
     let mut mass = vec![0.0; CELLS];
     let share = 1.0 / sample.len() as f64;
@@ -116,8 +116,8 @@ fn linear_bins(sample: &[f64], start: f64, width: f64) -> Vec<f64> {
     mass
 }
 
-/// `(2 Σ_j mass_j cos(π k (j + ½) / m))²` for `k = 1 .. m − 1`: the squared coefficients of the cosine series of a
-/// density on `[0, 1]` (DCT-II in scipy's scaling), evaluated directly over the cells that hold mass.
+/// `(2 Σ_j mass_j cos(π k (j + ½) / m))²` for `k = 1 .. m − 1`: the squared coefficients of the cosine series
+/// of a density on `[0, 1]` (DCT-II in scipy's scaling), evaluated directly over the cells that hold mass.
 fn squared_cosine_coefficients(mass: &[f64]) -> Vec<f64> {
     let m = mass.len();
     let cosines: Vec<f64> = (0..4 * m).map(|i| (PI * i as f64 / (2 * m) as f64).cos()).collect();
@@ -135,7 +135,8 @@ fn squared_cosine_coefficients(mass: &[f64]) -> Vec<f64> {
 /// The smallest bracketed root of `t − ξ γ^[ℓ](t)`, where `t` is the squared bandwidth on the unit interval.
 fn fixed_point(distinct: f64, coefficients: &[f64]) -> Option<f64> {
     let excess = |t: f64| Some(t - plug_in_time(t, distinct, coefficients)?);
-    // The first bracket follows the sample size, as in the authors' program, and doubles until the sign changes.
+    // The first bracket follows the sample size, as in the authors' program, and doubles until the sign
+    // changes.
     let mut high = 1e-11 + 0.01 * (distinct.clamp(50.0, 1050.0) - 50.0) / 1000.0;
     while excess(high).is_none_or(|excess| excess <= 0.0) {
         high *= 2.0;
@@ -154,8 +155,8 @@ fn fixed_point(distinct: f64, coefficients: &[f64]) -> Option<f64> {
     Some(high)
 }
 
-/// `ξ γ^[ℓ](t)`: the time that minimises the asymptotic error when the norm of derivative `ℓ` is estimated at `t`
-/// and each lower one at the time that is best for it. `None` when a norm vanishes or overflows.
+/// `ξ γ^[ℓ](t)`: the time that minimises the asymptotic error when the norm of derivative `ℓ` is estimated at
+/// `t` and each lower one at the time that is best for it. `None` when a norm vanishes or overflows.
 fn plug_in_time(t: f64, distinct: f64, coefficients: &[f64]) -> Option<f64> {
     let mut norm = derivative_norm(STAGES, t, coefficients)?;
     for s in (2..STAGES).rev() {
@@ -195,7 +196,8 @@ mod tests {
         assert!((silverman(&sample).unwrap() / 0.017160684183067453 - 1.0).abs() < 1e-12);
         assert!((scott(&sample).unwrap() / 0.029185732620155003 - 1.0).abs() < 1e-12);
         let isj = improved_sheather_jones(&sample).unwrap();
-        // The same method on the same mesh in numpy, then KDEpy's mesh with its range corrected (see goldens.py).
+        // The same method on the same mesh in numpy, then KDEpy's mesh with its range corrected (see
+        // goldens.py).
         assert!((isj / 0.02048082776502853 - 1.0).abs() < 1e-6, "{isj}");
         assert!((isj / 0.02046081759934994 - 1.0).abs() < 1e-2, "{isj}");
     }

@@ -1,9 +1,9 @@
 //! Percentile bootstrap over contexts.
 //!
-//! The context is what was sampled independently: all options of a set meet the same contexts, so their returns in one
-//! context move together. Resampling (option, context) pairs as if they were independent gives intervals that are too
-//! short; a test below shows how much. Here whole contexts are drawn with replacement, and whatever was measured in a
-//! context comes along.
+//! The context is what was sampled independently: all options of a set meet the same contexts, so their
+//! returns in one context move together. Resampling (option, context) pairs as if they were independent gives
+//! intervals that are too short; a test below shows how much. Here whole contexts are drawn with replacement,
+//! and whatever was measured in a context comes along.
 
 use super::summary::{quantile_of_sorted, sorted, sum};
 use super::{StatisticsError, check_confidence, check_result, check_sample};
@@ -38,14 +38,16 @@ impl Interval {
 
 /// Percentile interval of any statistic of `n_contexts` contexts (Efron and Tibshirani 1993, section 13.3).
 ///
-/// `statistic` is called with context indices: first `0..n_contexts` for the estimate, then `draws` times with
-/// `n_contexts` indices drawn uniformly with replacement. The ends are the quantiles at `(1 ∓ confidence) / 2` of the
-/// resampled statistics. To compare two sets on common contexts, let the statistic be the difference of theirs at the
-/// same indices. For means, [`bootstrap_means`] and [`paired_difference`] give the same interval faster.
+/// `statistic` is called with context indices: first `0..n_contexts` for the estimate, then `draws` times
+/// with `n_contexts` indices drawn uniformly with replacement. The ends are the quantiles at
+/// `(1 ∓ confidence) / 2` of the resampled statistics. To compare two sets on common contexts, let the
+/// statistic be the difference of theirs at the same indices. For means, [`bootstrap_means`] and
+/// [`paired_difference`] give the same interval faster.
 ///
 /// # Errors
 /// - fewer than two contexts: one context says nothing of the others;
-/// - a confidence outside (0, 1), or too few draws for it: at least one draw must fall beyond each end (40 for 0.95);
+/// - a confidence outside (0, 1), or too few draws for it: at least one draw must fall beyond each end
+///   (40 for 0.95);
 /// - a statistic that is NaN or infinite on some resample.
 pub fn bootstrap(
     n_contexts: usize,
@@ -79,13 +81,12 @@ pub fn bootstrap_mean(
     Ok(bootstrap_means(&[values], draws, confidence, rng)?[0])
 }
 
-/// Percentile intervals of the means of several quantities measured on the same contexts, in the order of `columns`;
-/// `columns[q][c]` is quantity `q` in context `c`.
+/// Percentile intervals of the means of several quantities measured on the same contexts, in the order of
+/// `columns`; `columns[q][c]` is quantity `q` in context `c`.
 ///
-/// A resample is one multinomial vector of weights that averages all columns, so the cost of drawing is shared and each
-/// column gets exactly the interval that it would get alone from the same generator. No columns give no intervals and
-/// draw nothing.
-/// Costs `O(draws · contexts · columns)`.
+/// A resample is one multinomial vector of weights that averages all columns, so the cost of drawing is
+/// shared and each column gets exactly the interval that it would get alone from the same generator. No
+/// columns give no intervals and draw nothing. Costs `O(draws · contexts · columns)`.
 ///
 /// # Errors
 /// As [`bootstrap`]; also when columns differ in length or hold a value that is not finite.
@@ -125,9 +126,9 @@ pub fn bootstrap_means(
 
 /// Percentile interval of `mean(first) − mean(second)`, two quantities measured on the same contexts.
 ///
-/// `first[c]` and `second[c]` belong to context `c`, for example the average return of two option sets there. What the
-/// contexts do to both cancels, so this is far sharper than comparing two separate intervals. The difference is
-/// significant at `1 − confidence` when the interval does not contain 0.
+/// `first[c]` and `second[c]` belong to context `c`, for example the average return of two option sets there.
+/// What the contexts do to both cancels, so this is far sharper than comparing two separate intervals. The
+/// difference is significant at `1 − confidence` when the interval does not contain 0.
 ///
 /// # Errors
 /// As [`bootstrap_means`].
@@ -225,7 +226,8 @@ mod tests {
 
     #[test]
     fn options_on_common_contexts_need_whole_contexts() {
-        // Five options whose returns in one context correlate by 0.4. Resampling pairs must be caught covering less.
+        // Five options whose returns in one context correlate by 0.4. Resampling pairs must be caught
+        // covering less.
         let [contexts, pairs] = coverage(400, |rng| {
             let returns: Vec<[f64; 5]> = (0..60)
                 .map(|_| {
@@ -244,7 +246,8 @@ mod tests {
 
     #[test]
     fn interval_of_a_mean_is_that_of_the_normal_limit() {
-        // Mean ± 1.96 s / √n, to the Monte-Carlo error of an end: about 2 % of the half width at 20 000 draws.
+        // Mean ± 1.96 s / √n, to the Monte-Carlo error of an end: about 2 % of the half width at 20 000
+        // draws.
         let sample = two_mode_sample(300);
         let interval = bootstrap_mean(&sample, 20_000, 0.95, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
         let half = 1.959963984540054 * sample_sd(&sample).unwrap() / 300_f64.sqrt();

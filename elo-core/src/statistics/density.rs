@@ -1,7 +1,8 @@
 //! Gaussian kernel density estimate: a smooth curve through a return sample.
 //!
-//! For plots, and for the smooth tail areas that the tables quote beside the counted ones. Selection never uses it: it
-//! overstates rare bad tails and understates rare good ones, because it carries mass across the threshold.
+//! For plots, and for the smooth tail areas that the tables quote beside the counted ones. Selection never
+//! uses it: it overstates rare bad tails and understates rare good ones, because it carries mass across the
+//! threshold.
 
 use super::bandwidth::BandwidthRule;
 use super::summary::sorted;
@@ -9,11 +10,12 @@ use super::{StatisticsError, check_sample};
 use statrs::function::erf::erfc;
 use std::f64::consts::{PI, SQRT_2};
 
-/// Bandwidths beyond a bound at which mirror images are left out; their density there is below 1e-21 of a peak.
+/// Bandwidths beyond a bound at which mirror images are left out; their density there is below 1e-21 of a
+/// peak.
 const REACH: f64 = 10.0;
 
-/// Values that the quantity cannot pass, `None` where it is free. A return that ends with a fall, for example, may
-/// have a hard lower bound.
+/// Values that the quantity cannot pass, `None` where it is free. A return that ends with a fall, for
+/// example, may have a hard lower bound.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Bounds {
     /// Smallest possible value.
@@ -24,9 +26,10 @@ pub struct Bounds {
 
 /// The estimate `f(x) = 1/(n h) Σ_i φ((x − x_i) / h)`, reflected at hard bounds.
 ///
-/// Mass that the kernels would put outside a bound is folded back inside (Silverman 1986, section 2.10), so that the
-/// density integrates to 1 over the bounds and meets them with slope 0. With two bounds the folding goes on between
-/// them. The answers depend on the values of the sample, not on their order. A query costs `O(n)`.
+/// Mass that the kernels would put outside a bound is folded back inside (Silverman 1986, section 2.10), so
+/// that the density integrates to 1 over the bounds and meets them with slope 0. With two bounds the folding
+/// goes on between them. The answers depend on the values of the sample, not on their order. A query costs
+/// `O(n)`.
 #[derive(Debug, Clone)]
 pub struct Density {
     /// The sample and its mirror images that are near enough to matter, in a fixed order.
@@ -41,14 +44,15 @@ pub struct Density {
 }
 
 impl Density {
-    /// Estimate with the bandwidth that `rule` gives for this sample. A sample without spread becomes a narrow spike
-    /// ([`SPIKE`](super::bandwidth::SPIKE)). Errors as [`Density::with_bandwidth`].
+    /// Estimate with the bandwidth that `rule` gives for this sample. A sample without spread becomes a
+    /// narrow spike ([`SPIKE`](super::bandwidth::SPIKE)). Errors as [`Density::with_bandwidth`].
     pub fn new(sample: &[f64], rule: BandwidthRule, bounds: Bounds) -> Result<Self, StatisticsError> {
         Self::with_bandwidth(sample, rule.bandwidth(sample)?, bounds)
     }
 
-    /// Estimate with a given bandwidth `h > 0`, the standard deviation of the kernel in the sample's unit. Between two
-    /// bounds, a bandwidth beyond their distance is cut to it: the curve is flat to 1.5 % by then.
+    /// Estimate with a given bandwidth `h > 0`, the standard deviation of the kernel in the sample's unit.
+    /// Between two bounds, a bandwidth beyond their distance is cut to it: the curve is flat to 1.5 % by
+    /// then.
     ///
     /// # Errors
     /// - an empty sample, or values that are not finite;
@@ -102,8 +106,8 @@ impl Density {
         ((normal_cdf_sum(&self.centres, x, self.bandwidth) - self.below) / self.size).clamp(0.0, 1.0)
     }
 
-    /// `points` equally spaced places to draw the curve at: from three bandwidths below the smallest value to three
-    /// above the largest, within the bounds. One point is the middle; none is no point.
+    /// `points` equally spaced places to draw the curve at: from three bandwidths below the smallest value to
+    /// three above the largest, within the bounds. One point is the middle; none is no point.
     pub fn grid(&self, points: usize) -> Vec<f64> {
         let reach = 3.0 * self.bandwidth;
         let start = (self.smallest - reach).max(self.bounds.lower.unwrap_or(f64::MIN));

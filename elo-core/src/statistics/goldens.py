@@ -70,7 +70,7 @@ for p in [0.02, 0.1, 0.3, 0.4]:
     cdf += sum(free.integrate_box_1d(0.04 - p + 2 * k * 0.38, 0.02 + 2 * k * 0.38) for k in range(-9, 10))
     print("reflected", p, free(images).sum(), cdf)
 # KDEpy 1.1.12 solves for t on a mesh of twice the range (for ranges of 12 and more) but multiplies sqrt(t) by the
-# range alone, half of what the method says, hence the factor 2 (its issues 199 and 201).
+# range alone, half of what the method says, hence the factor 2, as its users have reported.
 print("isj", botev(x), "KDEpy", 2 * improved_sheather_jones(1000 * x[:, None]) / 1000)
 bell = stats.norm.ppf((np.arange(500) + 0.5) / 500)
 print("isj bell", botev(bell), "KDEpy", 2 * improved_sheather_jones(1000 * bell[:, None]) / 1000)

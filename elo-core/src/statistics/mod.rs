@@ -1,7 +1,7 @@
 //! Statistics of return samples: summaries, intervals, density curves and rankings.
 //!
-//! Every function is pure: it reads slices of `f64`, draws randomness only from the generator it is handed, and
-//! adds in a fixed order, so equal inputs give equal bits. Undefined answers are errors, never NaN.
+//! Every function is pure: it reads slices of `f64`, draws randomness only from the generator it is handed,
+//! and adds in a fixed order, so equal inputs give equal bits. Undefined answers are errors, never NaN.
 //!
 //! | file | answers |
 //! | --- | --- |
@@ -11,7 +11,8 @@
 //! | `bandwidth`, `density` | smooth curves of a return distribution, for plots and tables only |
 //! | `ranking` | the K best of scored candidates |
 //!
-//! The expected numbers in the tests come from numpy, scipy and KDEpy; `goldens.py` in this folder prints them.
+//! The expected numbers in the tests come from numpy, scipy and KDEpy; `goldens.py` in this folder prints
+//! them.
 
 pub mod bandwidth;
 pub mod bootstrap;

@@ -1,18 +1,19 @@
 //! Intervals for a share that was counted: `successes` of `trials` independent trials.
 //!
-//! Trials must be independent: one trial a context. Shares over (option, context) pairs are not, because the options
-//! meet the same contexts; [`bootstrap`](super::bootstrap) over contexts is right for those.
+//! Trials must be independent: one trial a context. Shares over (option, context) pairs are not, because the
+//! options meet the same contexts; [`bootstrap`](super::bootstrap) over contexts is right for those.
 
 use super::bootstrap::Interval;
 use super::{StatisticsError, check_confidence};
 use statrs::function::beta::beta_reg;
 use statrs::function::erf::erf_inv;
 
-/// Score interval of Wilson (1927): all shares that a two-sided normal test of level `1 − confidence` would not reject.
+/// Score interval of Wilson (1927): all shares that a two-sided normal test of level `1 − confidence` would
+/// not reject.
 ///
-/// The estimate is `successes / trials` and always lies inside. Keeps its coverage near shares of 0 and 1 on average,
-/// where the interval of the mean collapses. [`clopper_pearson_lower`] and [`clopper_pearson_upper`] never cover less
-/// than promised, and are wider.
+/// The estimate is `successes / trials` and always lies inside. Keeps its coverage near shares of 0 and 1 on
+/// average, where the interval of the mean collapses. [`clopper_pearson_lower`] and [`clopper_pearson_upper`]
+/// never cover less than promised, and are wider.
 ///
 /// # Errors
 /// When there are no trials, more successes than trials, or the confidence is not strictly between 0 and 1.
@@ -29,11 +30,11 @@ pub fn wilson(successes: u64, trials: u64, confidence: f64) -> Result<Interval, 
     Ok(Interval { estimate: share, low, high })
 }
 
-/// Exact one-sided upper bound of Clopper and Pearson (1934): the share `p` at which `successes` or fewer happen with
-/// probability `1 − confidence`. The true share is below it with at least the given confidence.
+/// Exact one-sided upper bound of Clopper and Pearson (1934): the share `p` at which `successes` or fewer
+/// happen with probability `1 − confidence`. The true share is below it with at least the given confidence.
 ///
-/// A two-sided interval of confidence `c` takes both bounds at `(1 + c) / 2`. With 0 of `n`, the 95 % bound is about
-/// `3 / n`. Agrees with scipy to 1e-9 for up to a million trials.
+/// A two-sided interval of confidence `c` takes both bounds at `(1 + c) / 2`. With 0 of `n`, the 95 % bound
+/// is about `3 / n`. Agrees with scipy to 1e-9 for up to a million trials.
 ///
 /// # Errors
 /// As [`wilson`].
@@ -47,8 +48,8 @@ pub fn clopper_pearson_upper(successes: u64, trials: u64, confidence: f64) -> Re
     Ok(beta_quantile(successes as f64 + 1.0, failures as f64, confidence))
 }
 
-/// Exact one-sided lower bound: the share at which `successes` or more happen with probability `1 − confidence`.
-/// The counterpart of [`clopper_pearson_upper`].
+/// Exact one-sided lower bound: the share at which `successes` or more happen with probability
+/// `1 − confidence`. The counterpart of [`clopper_pearson_upper`].
 ///
 /// # Errors
 /// As [`wilson`].

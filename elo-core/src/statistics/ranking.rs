@@ -4,10 +4,10 @@ use std::cmp::Ordering;
 
 /// Ids of the `k` highest scores, best first; equal scores go by ascending id.
 ///
-/// Scores compare by [`f64::total_cmp`], so `+∞` beats everything and `0.0` beats `−0.0`. A NaN score means that the
-/// candidate has none: it is never chosen, not even to fill the set, so fewer than `k` ids come back when fewer than
-/// `k` candidates have a score. Ids should differ; the order of the input has no influence then.
-/// Costs `O(n log n)`.
+/// Scores compare by [`f64::total_cmp`], so `+∞` beats everything and `0.0` beats `−0.0`. A NaN score means
+/// that the candidate has none: it is never chosen, not even to fill the set, so fewer than `k` ids come back
+/// when fewer than `k` candidates have a score. Ids should differ; the order of the input has no influence
+/// then. Costs `O(n log n)`.
 pub fn top_k<Id: Ord>(scored: impl IntoIterator<Item = (Id, f64)>, k: usize) -> Vec<Id> {
     let mut ranked: Vec<(Id, f64)> = scored.into_iter().filter(|(_, score)| !score.is_nan()).collect();
     ranked.sort_by(better_first);

@@ -7,8 +7,8 @@ use super::{StatisticsError, check_result, check_sample};
 /// Longest run that [`sum`] adds in one go.
 const SUM_BLOCK: usize = 64;
 
-/// Pairwise sum: blocks of 64 from left to right, then halves, so the rounding error grows with `log n` and the
-/// order depends on the length alone. An empty slice gives 0; NaN and infinities propagate.
+/// Pairwise sum: blocks of 64 from left to right, then halves, so the rounding error grows with `log n` and
+/// the order depends on the length alone. An empty slice gives 0; NaN and infinities propagate.
 pub fn sum(values: &[f64]) -> f64 {
     if values.len() <= SUM_BLOCK {
         return values.iter().fold(0.0, |total, value| total + value);
@@ -25,7 +25,8 @@ pub fn mean(sample: &[f64]) -> Result<f64, StatisticsError> {
 
 /// Standard deviation of the sample as a population of its own (divides by `n`); 0 for one value.
 ///
-/// This is σ* of a stored return sample (Weber et al. 2019, Eq. 4.2), where the sample stands for the distribution.
+/// This is σ* of a stored return sample (Weber et al. 2019, Eq. 4.2), where the sample stands for the
+/// distribution.
 pub fn population_sd(sample: &[f64]) -> Result<f64, StatisticsError> {
     check_sample(sample, 1)?;
     check_result((squared_deviations(sample) / sample.len() as f64).sqrt(), "a standard deviation")
@@ -55,8 +56,8 @@ pub fn sorted(sample: &[f64]) -> Vec<f64> {
     values
 }
 
-/// Quantile at `p ∈ [0, 1]`, interpolated linearly between order statistics: the value at position `p (n − 1)` of the
-/// sorted sample (type 7 of Hyndman and Fan 1996, numpy's default).
+/// Quantile at `p ∈ [0, 1]`, interpolated linearly between order statistics: the value at position
+/// `p (n − 1)` of the sorted sample (type 7 of Hyndman and Fan 1996, numpy's default).
 ///
 /// Costs a sort; [`quantile_of_sorted`] saves it when several are wanted.
 ///
@@ -91,8 +92,8 @@ pub fn interquartile_mean(sample: &[f64]) -> Result<f64, StatisticsError> {
     mean(&values[cut..values.len() - cut])
 }
 
-/// `Pr(V < threshold)`, counted: the share of values strictly below. The tail of ψ_- (Eq. 4.6) has the threshold
-/// `μ* − α σ*`.
+/// `Pr(V < threshold)`, counted: the share of values strictly below. The tail of ψ_- (Eq. 4.6) has the
+/// threshold `μ* − α σ*`.
 ///
 /// # Errors
 /// Also when the threshold is NaN; an infinite one is an ordinary threshold.
@@ -100,7 +101,8 @@ pub fn lower_tail(sample: &[f64], threshold: f64) -> Result<f64, StatisticsError
     share(sample, threshold, |value| value < threshold)
 }
 
-/// `Pr(V > threshold)`, counted: the share of values strictly above. The tail of ψ_+ (Eq. 4.7) has the threshold `μ*`.
+/// `Pr(V > threshold)`, counted: the share of values strictly above. The tail of ψ_+ (Eq. 4.7) has the
+/// threshold `μ*`.
 ///
 /// # Errors
 /// As [`lower_tail`].
