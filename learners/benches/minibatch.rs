@@ -70,6 +70,7 @@ struct Training {
     gradients: [Vec<f32>; 3],
     observations: Vec<f32>,
     actions: Vec<f32>,
+    d_means: Vec<f32>,
     rows: [Vec<f32>; 6],
 }
 
@@ -96,6 +97,7 @@ impl Training {
             log_std: vec![0.0; ACTION],
             policy,
             critic,
+            d_means: actions.clone(),
             observations,
             actions,
             rows,
@@ -115,9 +117,8 @@ impl Training {
         head.log_probs(log_probs);
         let batch = SurrogateBatch { log_probs, old_log_probs, advantages };
         black_box(clipped_surrogate(&batch, 0.2, d_log_probs));
-        let d_means = &mut self.actions.clone();
-        head.backward(d_log_probs, d_means, d_log_std);
-        self.policy.backward(of_policy, d_means, d_policy);
+        head.backward(d_log_probs, &mut self.d_means, d_log_std);
+        self.policy.backward(of_policy, &self.d_means, d_policy);
 
         let values = self.critic.forward(&self.observations, of_critic);
         black_box(value_loss(values, targets, d_values));
@@ -149,8 +150,8 @@ fn main() {
         });
         let mut gradient = vec![0.0; critic.params().len()];
         measure("  critic backward", || critic.backward(of_critic, &values, &mut gradient));
-        measure("  clip both", || {
-            black_box(clip_grad_norm(&mut [&mut gradient, &mut vec![0.0; 0]], 1e9));
+        measure("  clip, one network", || {
+            black_box(clip_grad_norm(&mut [&mut gradient], 1e9));
         });
         let mut adam = Adam::new(gradient.len());
         measure("  Adam, one network", || adam.step(critic.params_mut(), &gradient, 1e-6));

@@ -114,7 +114,7 @@ mod tests {
             let objective = |i: usize| {
                 let (ratio, advantage) =
                     ((log_probs[i] - f64::from(old_log_probs[i])).exp(), f64::from(advantages[i]));
-                (ratio * advantage).min(ratio.max(0.8).min(1.2) * advantage)
+                (ratio * advantage).min(ratio.clamp(0.8, 1.2) * advantage)
             };
             -(0..count).map(objective).sum::<f64>() / count as f64
         };

@@ -5,7 +5,7 @@ use rten_simd::{Isa, SimdOp};
 
 use super::matmul::{matrix, matrix_mut, multiply};
 use super::mlp::{Layer, Mlp};
-use super::tanh::tanh_in_place;
+use super::tanh::TanhOf;
 
 /// What a forward pass leaves for the backward pass: the input and every layer's output, row-major. Made for one
 /// network shape, any batch size; grows to the largest batch it has seen and then allocates no more.
@@ -76,7 +76,7 @@ impl Mlp {
             let input = matrix(input, batch, layer.inputs);
             multiply(matrix_mut(output, batch, layer.outputs), Accum::Add, input, weight);
             if index < last {
-                Tanh(output).dispatch();
+                TanhOf(output).dispatch();
             }
         }
         activations.output()
@@ -144,17 +144,6 @@ fn back_through_weights(params: &[f32], layer: &Layer, d_sums: &[f32], out: &mut
     let weight = matrix(&params[layer.weight.clone()], layer.inputs, layer.outputs).transpose();
     let d_sums = matrix(d_sums, batch, layer.outputs);
     multiply(matrix_mut(out, batch, layer.inputs), Accum::Replace, d_sums, weight);
-}
-
-struct Tanh<'a>(&'a mut [f32]);
-
-impl SimdOp for Tanh<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn eval<I: Isa>(self, isa: I) {
-        tanh_in_place(isa, self.0);
-    }
 }
 
 /// `delta *= 1 - tanh²`.

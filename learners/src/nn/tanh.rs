@@ -2,7 +2,7 @@
 //! would take most of a training step.
 
 use rten_simd::functional::simd_map;
-use rten_simd::{Isa, SimdUnaryOp};
+use rten_simd::{Isa, SimdOp, SimdUnaryOp};
 use rten_vecmath::Tanh;
 
 /// Replaces each value by its hyperbolic tangent, within 1e-6; NaN stays NaN. For use inside a vector operation, which
@@ -17,22 +17,21 @@ pub(super) fn tanh_in_place<I: Isa>(isa: I, values: &mut [f32]) {
     );
 }
 
+/// [`tanh_in_place`] as a vector operation of its own.
+pub(super) struct TanhOf<'a>(pub(super) &'a mut [f32]);
+
+impl SimdOp for TanhOf<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn eval<I: Isa>(self, isa: I) {
+        tanh_in_place(isa, self.0);
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use rten_simd::SimdOp;
-
     use super::*;
-
-    struct TanhOf<'a>(&'a mut [f32]);
-
-    impl SimdOp for TanhOf<'_> {
-        type Output = ();
-
-        #[inline(always)]
-        fn eval<I: Isa>(self, isa: I) {
-            tanh_in_place(isa, self.0);
-        }
-    }
 
     #[test]
     fn it_agrees_with_the_c_library() {
