@@ -111,6 +111,33 @@ struct Factors {
     epsilon: f32,
 }
 
+/// Numbers updated at a time: a few vector registers of each kind, all read before any is written, because otherwise the
+/// time depends on where the four vectors lie in memory.
+const BLOCK: usize = 32;
+
+impl Factors {
+    #[inline(always)]
+    fn update(&self, p: f32, g: f32, m: f32, v: f32) -> (f32, f32, f32) {
+        let m = self.keep1 * m + self.add1 * g;
+        let v = self.keep2 * v + self.add2 * (g * g);
+        (p - self.rate * m / (v.sqrt() * self.scale2 + self.epsilon), m, v)
+    }
+
+    #[inline(always)]
+    fn update_block(
+        &self,
+        mut p: [f32; BLOCK],
+        g: [f32; BLOCK],
+        mut m: [f32; BLOCK],
+        mut v: [f32; BLOCK],
+    ) -> ([f32; BLOCK], [f32; BLOCK], [f32; BLOCK]) {
+        for i in 0..BLOCK {
+            (p[i], m[i], v[i]) = self.update(p[i], g[i], m[i], v[i]);
+        }
+        (p, m, v)
+    }
+}
+
 struct Update<'a> {
     params: &'a mut [f32],
     gradient: &'a [f32],
@@ -124,12 +151,17 @@ impl SimdOp for Update<'_> {
 
     #[inline(always)]
     fn eval<I: Isa>(self, _isa: I) {
-        let f = self.factors;
-        let moments = self.first.iter_mut().zip(self.second);
-        for ((p, g), (m, v)) in self.params.iter_mut().zip(self.gradient).zip(moments) {
-            *m = f.keep1 * *m + f.add1 * g;
-            *v = f.keep2 * *v + f.add2 * (g * g);
-            *p -= f.rate * *m / (v.sqrt() * f.scale2 + f.epsilon);
+        let Self { params, gradient, first, second, factors } = self;
+        let (params, params_rest) = params.as_chunks_mut::<BLOCK>();
+        let (gradient, gradient_rest) = gradient.as_chunks::<BLOCK>();
+        let (first, first_rest) = first.as_chunks_mut::<BLOCK>();
+        let (second, second_rest) = second.as_chunks_mut::<BLOCK>();
+        for (((p, g), m), v) in params.iter_mut().zip(gradient).zip(first).zip(second) {
+            (*p, *m, *v) = factors.update_block(*p, *g, *m, *v);
+        }
+        let moments = first_rest.iter_mut().zip(second_rest);
+        for ((p, g), (m, v)) in params_rest.iter_mut().zip(gradient_rest).zip(moments) {
+            (*p, *m, *v) = factors.update(*p, *g, *m, *v);
         }
     }
 }
