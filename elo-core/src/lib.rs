@@ -15,5 +15,6 @@ pub mod rollout;
 pub mod seed;
 pub mod simulator;
 pub mod spec;
+pub mod statistics;
 pub mod task;
 pub mod tensors;
