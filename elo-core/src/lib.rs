@@ -5,6 +5,7 @@
 //! it their [`plugin::Plugin`] slices.
 
 pub mod agent;
+pub mod config;
 pub mod conformance;
 pub mod context;
 pub mod fault;
