@@ -3,7 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::config::schema::{plugin_field, plugin_list};
 use crate::context::InitialStates;
 use crate::fault::Faults;
 use crate::metric::Metric;
@@ -21,7 +20,6 @@ pub struct Experiment {
     /// The root of every random draw. The same config and seed give the same bytes.
     pub seed: u64,
     /// Which robot, in which engine; see `elo plugins`.
-    #[schemars(schema_with = "plugin_field::<SimulatorRole>")]
     pub simulator: Box<dyn SimulatorConfig>,
     /// `P`: the range from which each task parameter is drawn uniformly, e.g. `electricity_cost = { low = -2.4, high =
     /// -1.4 }` (§5.1). Parameters without a range keep the simulator's default.
@@ -31,19 +29,15 @@ pub struct Experiment {
     #[serde(default)]
     pub initial_states: InitialStates,
     /// How near-optimal policies are found (Algorithm 1(a), step 2); see `elo plugins`.
-    #[schemars(schema_with = "plugin_field::<TeacherRole>")]
     pub teacher: Box<dyn TeacherConfig>,
     /// How a recorded trajectory becomes an option; see `elo plugins`.
-    #[schemars(schema_with = "plugin_field::<OptionLearnerRole>")]
     pub option_learner: Box<dyn OptionLearner>,
     /// The sizes of Algorithm 1.
     #[serde(default)]
     pub discover: Discover,
     /// The metrics `ψ`, each of which selects its own set; see `elo plugins`.
-    #[schemars(schema_with = "plugin_list::<MetricRole>")]
     pub metrics: Vec<Box<dyn Metric>>,
     /// How candidates are measured and eliminated; see `elo plugins`.
-    #[schemars(schema_with = "plugin_field::<SelectorRole>")]
     #[serde(default = "uniform")]
     pub selector: Box<dyn Selector>,
     /// How returns are scaled before metrics see them.

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::metric::{MaximumMean, Metric, NegativeTail, PositiveSkew};
 use crate::policy::{OptionLearner, PolicyFormat, TeacherConfig};
+use crate::select::{Selector, Uniform};
 use crate::simulator::SimulatorConfig;
 
 /// One thing that a config can choose by its `kind`, or one format of stored policies.
@@ -87,6 +88,7 @@ constructors! {
     teacher: Teacher as dyn TeacherConfig;
     option_learner: OptionLearner as dyn OptionLearner;
     metric: Metric as dyn Metric;
+    selector: Selector as dyn Selector;
 }
 
 impl Plugin {

@@ -96,6 +96,22 @@ impl Work {
     }
 }
 
+impl Work {
+    /// What becomes of a unit whose worker could not be kept alive: rollouts are recorded as failed and counted by the
+    /// failure rule; other stages cannot go on.
+    ///
+    /// # Errors
+    /// [`WorkError::Failed`] for the other stages.
+    pub fn outcome_of_lost_worker(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
+        match self {
+            Self::Evaluate(work) => work.all_failed(inputs, reason),
+            Self::Train(_) | Self::Record(_) | Self::Learn(_) | Self::Prepare(_) => {
+                Err(WorkError::Failed(reason.to_owned()))
+            }
+        }
+    }
+}
+
 /// Program and engine, in the words that enter a key.
 fn fingerprint(program: &str, engine: Option<&Engine>) -> String {
     engine.map_or(program.to_owned(), |engine| format!("{program}; {} {}", engine.name, engine.version))
