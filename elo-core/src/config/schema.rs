@@ -32,6 +32,7 @@ plugin_fields! {
     crate::policy::TeacherConfig: Teacher;
     crate::policy::OptionLearner: OptionLearner;
     crate::metric::Metric: Metric;
+    crate::select::Selector: Selector;
 }
 
 /// The schema of a config together with those of all plugins.
