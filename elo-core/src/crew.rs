@@ -92,22 +92,30 @@ impl From<Malformed> for RunError {
     }
 }
 
+/// How many work, and with what.
+#[derive(Clone, Debug)]
+pub struct Staff {
+    /// How many units are under way at once; at least 1. Results do not depend on it.
+    pub workers: usize,
+    /// Formats of option policies that can be read.
+    pub formats: Vec<PolicyFormat>,
+    /// Name and version of this program and what else its results depend on, see [`crate::fingerprint`]; part of every
+    /// key.
+    pub program: String,
+}
+
 /// Some workers, one run directory, and what they tell whom.
 pub struct Crew<'a> {
     /// Where results go.
     pub run_dir: &'a RunDir,
-    /// Formats of option policies that can be read.
-    pub formats: Vec<PolicyFormat>,
-    /// Name and version of this program and what else its results depend on; part of every key.
-    pub program: String,
     /// Starts worker programs.
     pub hosts: &'a dyn Hosts,
     /// Hears how far it is.
     pub watcher: &'a dyn Watcher,
     /// Becomes true when everybody is to stop.
     pub stop: &'a AtomicBool,
-    /// How many units are under way at once; at least 1.
-    pub workers: usize,
+    /// How many work, and with what.
+    pub staff: Staff,
     /// Running worker programs that nobody uses just now.
     idle: Mutex<Vec<(String, WorkerProcess)>>,
 }
@@ -116,15 +124,20 @@ pub struct Crew<'a> {
 const TRIES: usize = 3;
 
 impl<'a> Crew<'a> {
-    /// A crew of `workers` over `run_dir`.
-    pub fn new(run_dir: &'a RunDir, hosts: &'a dyn Hosts, watcher: &'a dyn Watcher, stop: &'a AtomicBool) -> Self {
-        let (formats, program) = (Vec::new(), String::new());
-        Self { run_dir, formats, program, hosts, watcher, stop, workers: 1, idle: Mutex::default() }
+    /// A crew over `run_dir` that stops when `stop` becomes true.
+    pub fn new(
+        staff: Staff,
+        run_dir: &'a RunDir,
+        hosts: &'a dyn Hosts,
+        watcher: &'a dyn Watcher,
+        stop: &'a AtomicBool,
+    ) -> Self {
+        Self { run_dir, hosts, watcher, stop, staff, idle: Mutex::default() }
     }
 
     /// The key of a unit.
     pub fn key(&self, unit: &Unit) -> Key {
-        unit.work.key(&unit.inputs, &self.program)
+        unit.work.key(&unit.inputs, &self.staff.program)
     }
 
     /// Does whatever of `units` is not in the run directory yet; gives their keys in order.
@@ -152,7 +165,7 @@ impl<'a> Crew<'a> {
         };
         let todo: Vec<(&Unit, &Key)> = missing.iter().map(|index| (&units[*index], &keys[*index])).collect();
         std::thread::scope(|scope| {
-            for _ in 0..self.workers.min(todo.len()) {
+            for _ in 0..self.staff.workers.min(todo.len()) {
                 scope.spawn(|| shift.work(&todo));
             }
         });
@@ -182,7 +195,7 @@ impl<'a> Crew<'a> {
     pub fn import(&self, bytes: &[u8]) -> Result<Key, RunError> {
         let hash = blake3::hash(bytes).to_hex().to_string();
         let stage = Stage { name: "import", version: 1 };
-        let key = Key::of(&stage, &hash, &[], &Seed::root(0), &self.program);
+        let key = Key::of(&stage, &hash, &[], &Seed::root(0), &self.staff.program);
         self.run_dir.commit(&key, bytes)?;
         Ok(key)
     }
@@ -221,7 +234,7 @@ struct Shift<'a> {
 
 impl Shift<'_> {
     fn work(&self, todo: &[(&Unit, &Key)]) {
-        let mut site = Site::new(self.crew.formats.clone());
+        let mut site = Site::new(self.crew.staff.formats.clone());
         loop {
             let index = self.next.fetch_add(1, Ordering::Relaxed);
             let Some((unit, key)) = todo.get(index) else { return };

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use elo_core::config;
-use elo_core::crew::Crew;
+use elo_core::crew::{Crew, Staff};
 use elo_core::discover::{Run, discover};
 use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
@@ -33,12 +33,8 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let run_dir = RunDir::open(&folder)?;
     let stop = interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
-    let crew = Crew {
-        workers,
-        formats: formats(plugins),
-        program: fingerprint(),
-        ..Crew::new(&run_dir, &Beside, &progress, &stop)
-    };
+    let staff = Staff { workers, formats: formats(plugins), program: fingerprint() };
+    let crew = Crew::new(staff, &run_dir, &Beside, &progress, &stop);
 
     let resolved = config::show(&experiment).map_err(|error| Exit::Failed(error.to_string()))?;
     run_dir.write_file("experiment.toml", resolved.as_bytes())?;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use elo_core::crew::Crew;
+use elo_core::crew::{Crew, Staff};
 use elo_core::discover::Run;
 use elo_core::evaluate::evaluate;
 use elo_core::experiment::Experiment;
@@ -36,12 +36,8 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let run_dir = RunDir::open(folder)?;
     let stop = interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
-    let crew = Crew {
-        workers: workers(arguments.workers)?,
-        formats,
-        program: fingerprint(),
-        ..Crew::new(&run_dir, &Beside, &progress, &stop)
-    };
+    let staff = Staff { workers: workers(arguments.workers)?, formats, program: fingerprint() };
+    let crew = Crew::new(staff, &run_dir, &Beside, &progress, &stop);
     let evaluation = evaluate(&Run::new(&experiment, &crew)?, &set)?;
     if arguments.json {
         let text = serde_json::to_string_pretty(&evaluation).expect("figures are plain data");
