@@ -19,3 +19,4 @@ pub mod simulator;
 pub mod spec;
 pub mod task;
 pub mod tensors;
+pub mod worker;
