@@ -135,7 +135,7 @@ impl<'a> Crew<'a> {
         let keys: Vec<Key> = units.iter().map(|unit| self.key(unit)).collect();
         let mut missing = Vec::new();
         for (index, key) in keys.iter().enumerate() {
-            if !self.run_dir.contains(key)? {
+            if self.run_dir.read(key)?.is_none() {
                 missing.push(index);
             }
         }

@@ -121,4 +121,5 @@ pub const PLUGINS: &[Plugin] = &[
         "positive_skew",
         "ψ_+: the mean, plus a premium on good returns (Eq. 4.7)",
     ),
+    Plugin::selector::<Uniform>("uniform", "every candidate in every context, as Algorithm 1 is printed"),
 ];
