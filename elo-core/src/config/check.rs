@@ -356,7 +356,7 @@ limit = 300
             said(text),
             [
                 " `seed`: is missing; expected an integer of at least 0",
-                "1: `sed`: is unknown; expected one of seed, simulator, tasks, metrics, extra, discover; did you mean `seed`?",
+                "1: `sed`: is unknown; expected one of seed, simulator, tasks, metrics, extra, discover, selector; did you mean `seed`?",
                 "3: `discover.set_size`: expected an integer from 0 to 4294967295, got 5000000000",
                 "4: `discover.discount`: expected a number from 0.0 to 1.0, got 1.5",
                 "5: `discover.candidates`: expected an integer from 1 to 1000, got 0",

@@ -220,8 +220,6 @@ mod tests {
 
     use std::path::Path;
 
-    use serde_json::json;
-
     use super::super::fixture::{ALL, Toy};
     use super::super::read;
     use super::*;
@@ -236,16 +234,14 @@ mod tests {
         for plugin in ALL.iter().flat_map(|slice| slice.iter()) {
             let text = example(plugin, ALL).unwrap();
             let default = (plugin.default_config)();
-            match plugin.role {
-                Role::Simulator => {
-                    assert_eq!(json_of(&format!("seed = 1\nmetrics = []\n{text}"))["simulator"], default);
-                }
-                Role::Metric => {
-                    let text = format!("seed = 1\nsimulator.kind = 'point_mass'\n{text}");
-                    assert_eq!(json_of(&text)["metrics"], json!([default]));
-                }
-                other => panic!("no test for the role of {other:?}"),
-            }
+            let (before, at) = match plugin.role {
+                Role::Simulator => ("metrics = []", "/simulator"),
+                Role::Metric => ("simulator.kind = 'point_mass'", "/metrics/0"),
+                Role::Selector => ("metrics = []\nsimulator.kind = 'point_mass'", "/selector"),
+                other => panic!("the toy has no field for {other:?}"),
+            };
+            let value = json_of(&format!("seed = 1\n{before}\n{text}"));
+            assert_eq!(value.pointer(at), Some(&default), "{}", plugin.kind);
         }
     }
 
@@ -312,6 +308,7 @@ offset = -3
                 "[discover]"
             ]
         );
+        assert!(text.contains("\n[tasks]\ncost = { low = -2.4, high = -1.4 }\n"), "{text}");
         assert!(text.contains("# `K`, at most all of them.\nset_size = 5\n"), "{text}");
     }
 }

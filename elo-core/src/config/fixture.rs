@@ -8,8 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::fault::Faults;
 use crate::metric::{MaximumMean, Metric, NegativeTail, Reference};
 use crate::plugin::{PLUGINS, Plugin};
+use crate::select::Selector;
 use crate::simulator::SimulatorConfig;
-use crate::task::TaskDistribution;
+use crate::task::{Range, TaskDistribution};
 
 /// All plugins that the tests know.
 pub const ALL: &[&[Plugin]] =
@@ -33,6 +34,8 @@ pub struct Toy {
     /// Sizes.
     #[serde(default)]
     pub discover: Sizes,
+    /// How to choose, or by default.
+    pub selector: Option<Box<dyn Selector>>,
 }
 
 impl Default for Toy {
@@ -40,7 +43,7 @@ impl Default for Toy {
         Self {
             seed: 7,
             simulator: Box::new(crate::conformance::point_mass::PointMassConfig::default()),
-            tasks: TaskDistribution::default(),
+            tasks: TaskDistribution::new([("cost", Range { low: -2.4, high: -1.4 })]),
             metrics: vec![
                 Box::new(MaximumMean {}),
                 Box::new(NegativeTail::default()),
@@ -48,6 +51,7 @@ impl Default for Toy {
             ],
             extra: None,
             discover: Sizes::default(),
+            selector: None,
         }
     }
 }

@@ -274,7 +274,7 @@ alpha = 2.0
             ),
             (
                 "sed=2",
-                "`sed`: is unknown; expected one of seed, simulator, tasks, metrics, extra, discover; did you mean `seed`?",
+                "`sed`: is unknown; expected one of seed, simulator, tasks, metrics, extra, discover, selector; did you mean `seed`?",
             ),
         ] {
             assert_eq!(said(&[given]), format!("--set {given}: {message}"));

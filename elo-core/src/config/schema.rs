@@ -232,6 +232,6 @@ mod tests {
     fn fields_stand_in_the_order_of_the_struct() {
         let document = Document::of::<Toy>(ALL);
         let names: Vec<&String> = fields(document.root()).unwrap().keys().collect();
-        assert_eq!(names, ["seed", "simulator", "tasks", "metrics", "extra", "discover"]);
+        assert_eq!(names, ["seed", "simulator", "tasks", "metrics", "extra", "discover", "selector"]);
     }
 }
