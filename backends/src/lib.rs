@@ -5,3 +5,5 @@
 //! line in [`PLUGINS`]. A Cargo feature only where it links a library that may be absent.
 
 pub mod locomotion;
+#[cfg(feature = "rapier")]
+pub mod rapier;
