@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 use std::process::Command;
+use std::time::Duration;
 
 use elo_core::crew::Hosts;
 use elo_core::fingerprint::fingerprint;
-use elo_core::worker::{WorkerFault, WorkerProcess};
+use elo_core::worker::{Limits, WorkerFault, WorkerProcess};
 
 /// Worker programs that lie beside this program.
 #[derive(Clone, Copy, Debug)]
@@ -23,9 +24,19 @@ impl Beside {
     }
 }
 
+/// What a worker may take before it counts as lost.
+const LIMITS: Limits = Limits {
+    greeting: Duration::from_secs(60),
+    silence: Some(Duration::from_secs(600)),
+    memory_bytes: Some(16 << 30),
+};
+
 impl Hosts for Beside {
     fn start(&self, program: &str) -> Result<WorkerProcess, WorkerFault> {
-        let path = Self::find(program).map_err(|message| WorkerFault::Start { message })?;
-        WorkerProcess::spawn(Command::new(path), &fingerprint())
+        let path = Self::find(program).map_err(|message| WorkerFault::Start {
+            program: program.to_owned(),
+            source: std::io::Error::new(std::io::ErrorKind::NotFound, message),
+        })?;
+        WorkerProcess::spawn(Command::new(path), &fingerprint(), LIMITS)
     }
 }

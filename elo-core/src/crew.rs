@@ -293,10 +293,10 @@ impl Shift<'_> {
                     self.crew.return_worker(program, worker);
                     return Ok(bytes);
                 }
-                Err(WorkerFault::Stopped) => return Err(WorkError::Stopped(Stopped)),
-                Err(WorkerFault::Failed { message }) => {
+                Err(WorkerFault::Stopped(stopped)) => return Err(stopped.into()),
+                Err(fault) if fault.leaves_worker_usable() => {
                     self.crew.return_worker(program, worker);
-                    return Err(WorkError::Failed(message));
+                    return Err(WorkError::Failed(fault.to_string()));
                 }
                 Err(fault) => {
                     self.crew.watcher.notice(&format!("{program}, unit {}: {fault}", monitor.key));

@@ -32,7 +32,7 @@ fn finding(config: &dyn SimulatorConfig) -> String {
         };
     };
     match Beside.start(program) {
-        Ok(_) => format!("ready: {} {}, in the worker {program}", engine.name, engine.version),
+        Ok(worker) => format!("ready: {}, in the worker {program}", worker.engine()),
         Err(fault) => format!("missing: {fault}"),
     }
 }
