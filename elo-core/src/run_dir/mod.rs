@@ -66,6 +66,10 @@ impl RunDir {
         let unusable = |source: io::Error| RunDirError::Open { path: root.clone(), source };
         let store = Store::new(disk);
         store.create_dir(&root).map_err(unusable)?;
+        // Later processes find the lock, and then know that this was done.
+        if !store.disk().list(&root).map_err(unusable)?.iter().any(|name| name == "run.lock") {
+            store.sync_way_to(&root).map_err(unusable)?;
+        }
         let lock = store.disk().lock(&root.join("run.lock")).map_err(|error| match error {
             LockError::Held(holder) => RunDirError::held(root.clone(), holder),
             LockError::Io(source) => unusable(source),
@@ -75,17 +79,21 @@ impl RunDir {
         Ok(dir)
     }
 
+    /// Makes the directories, and makes what is there last: a process that was killed may not have come to that.
     fn prepare(&self) -> io::Result<()> {
         let units = self.root.join("units");
         let checkpoints = self.root.join("checkpoints");
         self.store.create_dir(&units)?;
         self.store.create_dir(&checkpoints)?;
-        self.store.disk().sync_dir(&self.root)?;
-        self.store.sweep(&self.root)?;
-        self.store.sweep(&checkpoints)?;
-        let is_shard = |name: &String| name.len() == 2 && name.bytes().all(|digit| digit.is_ascii_hexdigit());
-        for shard in self.store.disk().list(&units)?.into_iter().filter(is_shard) {
-            self.store.sweep(&units.join(shard))?;
+        [&self.root, &units, &checkpoints].into_iter().try_for_each(|dir| self.store.settle(dir))?;
+        let names = self.store.disk().list(&units)?;
+        let mut shards = self.shards.lock().unwrap_or_else(PoisonError::into_inner);
+        for (shard, made) in (0_u8..=255).zip(&mut *shards) {
+            let name = shard_name(shard);
+            if names.contains(&name) {
+                self.store.settle(&units.join(name))?;
+                *made = true;
+            }
         }
         self.store.probe(&self.root)
     }
@@ -192,10 +200,10 @@ impl RunDir {
     }
 
     fn shard_path(&self, key: &Key) -> PathBuf {
-        self.root.join("units").join(format!("{:02x}", key.as_bytes()[0]))
+        self.root.join("units").join(shard_name(key.as_bytes()[0]))
     }
 
-    /// The directory of unit `key`, which lasts when this returns: a process that was killed may have made it without.
+    /// The directory of unit `key`, which lasts when this returns.
     fn shard(&self, key: &Key) -> io::Result<PathBuf> {
         let path = self.shard_path(key);
         let mut shards = self.shards.lock().unwrap_or_else(PoisonError::into_inner);
@@ -219,6 +227,10 @@ impl RunDir {
         let is_file = plain && !own && !name.is_empty() && !name.ends_with('/');
         if is_file { Ok(self.root.join(name)) } else { Err(RunDirError::Name(name.to_owned())) }
     }
+}
+/// The name of the directory of all units whose key begins with this byte.
+fn shard_name(first: u8) -> String {
+    format!("{first:02x}")
 }
 
 #[cfg(test)]
