@@ -79,21 +79,20 @@ impl RunDir {
         Ok(dir)
     }
 
-    /// Makes the directories, and makes what is there last: a process that was killed may not have come to that.
+    /// Makes the directories, clears them, and makes what is in them last but for the units: a process that was killed
+    /// may not have come to that.
     fn prepare(&self) -> io::Result<()> {
         let units = self.root.join("units");
         let checkpoints = self.root.join("checkpoints");
         self.store.create_dir(&units)?;
         self.store.create_dir(&checkpoints)?;
-        [&self.root, &units, &checkpoints].into_iter().try_for_each(|dir| self.store.settle(dir))?;
+        for dir in [&self.root, &checkpoints] {
+            self.store.sweep(dir)?;
+            self.store.disk().sync_dir(dir)?;
+        }
         let names = self.store.disk().list(&units)?;
-        let mut shards = self.shards.lock().unwrap_or_else(PoisonError::into_inner);
-        for (shard, made) in (0_u8..=255).zip(&mut *shards) {
-            let name = shard_name(shard);
-            if names.contains(&name) {
-                self.store.settle(&units.join(name))?;
-                *made = true;
-            }
+        for name in (0..=255).map(shard_name).filter(|name| names.contains(name)) {
+            self.store.sweep(&units.join(name))?;
         }
         self.store.probe(&self.root)
     }
@@ -119,18 +118,19 @@ impl RunDir {
     /// [`RunDirError::Write`], after which the process should end; [`RunDirError::Differs`] when another result is
     /// there; what [`Self::read`] gives.
     pub fn commit(&self, key: &Key, result: &[u8]) -> Result<(), RunDirError> {
-        match self.read(key)? {
-            Some(stored) if stored == result => {}
-            Some(_) => return Err(RunDirError::Differs { key: *key, path: self.unit_path(key) }),
-            None => {
-                let file = seal(Content::Unit, key, result);
-                let dir = self.shard(key).map_err(|source| RunDirError::Write {
-                    path: self.unit_path(key),
-                    bytes_needed: file.len() as u64,
-                    source,
-                })?;
-                self.store.put(&dir, &self.unit_path(key), &file)?;
-            }
+        let path = self.unit_path(key);
+        let file = match self.read(key)? {
+            Some(stored) if stored != result => return Err(RunDirError::Differs { key: *key, path }),
+            Some(_) => None,
+            None => Some(seal(Content::Unit, key, result)),
+        };
+        let bytes_needed = file.as_ref().map_or(0, |file| file.len() as u64);
+        let unwritten = |source| RunDirError::Write { path: path.clone(), bytes_needed, source };
+        let dir = self.shard(key).map_err(unwritten)?;
+        match file {
+            Some(file) => self.store.put(&dir, &path, &file)?,
+            // Whoever put it there may have been killed before its name was made to last.
+            None => self.store.disk().sync_dir(&dir).map_err(unwritten)?,
         }
         // It has no further use, and does no harm should it stay.
         let _ = self.store.disk().remove(&self.checkpoint_path(key));
@@ -203,7 +203,7 @@ impl RunDir {
         self.root.join("units").join(shard_name(key.as_bytes()[0]))
     }
 
-    /// The directory of unit `key`, which lasts when this returns.
+    /// The directory of unit `key`, whose name lasts when this returns.
     fn shard(&self, key: &Key) -> io::Result<PathBuf> {
         let path = self.shard_path(key);
         let mut shards = self.shards.lock().unwrap_or_else(PoisonError::into_inner);

@@ -93,14 +93,14 @@ impl Store {
         })
     }
 
-    /// Removes what interrupted [`Self::put`]s left in a directory, and makes the names that they gave last.
-    pub(super) fn settle(&self, dir: &Path) -> io::Result<()> {
+    /// Removes what interrupted [`Self::put`]s left in a directory.
+    pub(super) fn sweep(&self, dir: &Path) -> io::Result<()> {
         for name in self.disk.list(dir)? {
             if name.starts_with(".elo-") && name.ends_with(".tmp") {
                 self.disk.remove(&dir.join(name))?;
             }
         }
-        self.disk.sync_dir(dir)
+        Ok(())
     }
 
     /// Finds out whether files can be made in `dir`.
