@@ -1,7 +1,7 @@
 //! The few operations that the run directory asks of a disk, so that tests can put a failing one in its place.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 
 use super::lock::{FileLock, LockError};
@@ -94,8 +94,15 @@ impl FileSystem for OsDisk {
     }
 
     fn sync_dir(&self, path: &Path) -> io::Result<()> {
-        // Windows has no such operation; its file systems log the change of a name before they report it.
-        if cfg!(unix) { File::open(path)?.sync_all() } else { Ok(()) }
+        // Windows has no such operation, nor have some network file systems: they log or send the change of a name
+        // before they report it.
+        if cfg!(not(unix)) {
+            return Ok(());
+        }
+        match File::open(path)?.sync_all() {
+            Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
+            outcome => outcome,
+        }
     }
 
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {

@@ -66,6 +66,10 @@ impl RunDir {
         let unusable = |source: io::Error| RunDirError::Open { path: root.clone(), source };
         let store = Store::new(disk);
         store.create_dir(&root).map_err(unusable)?;
+        // Later processes find the lock, and then know that this was done.
+        if !store.disk().list(&root).map_err(unusable)?.iter().any(|name| name == "run.lock") {
+            store.sync_way_to(&root).map_err(unusable)?;
+        }
         let lock = store.disk().lock(&root.join("run.lock")).map_err(|error| match error {
             LockError::Held(holder) => RunDirError::held(root.clone(), holder),
             LockError::Io(source) => unusable(source),
@@ -75,17 +79,20 @@ impl RunDir {
         Ok(dir)
     }
 
+    /// Makes the directories, clears them, and makes what is in them last but for the units: a process that was killed
+    /// may not have come to that.
     fn prepare(&self) -> io::Result<()> {
         let units = self.root.join("units");
         let checkpoints = self.root.join("checkpoints");
         self.store.create_dir(&units)?;
         self.store.create_dir(&checkpoints)?;
-        self.store.disk().sync_dir(&self.root)?;
-        self.store.sweep(&self.root)?;
-        self.store.sweep(&checkpoints)?;
-        let is_shard = |name: &String| name.len() == 2 && name.bytes().all(|digit| digit.is_ascii_hexdigit());
-        for shard in self.store.disk().list(&units)?.into_iter().filter(is_shard) {
-            self.store.sweep(&units.join(shard))?;
+        for dir in [&self.root, &checkpoints] {
+            self.store.sweep(dir)?;
+            self.store.disk().sync_dir(dir)?;
+        }
+        let names = self.store.disk().list(&units)?;
+        for name in (0..=255).map(shard_name).filter(|name| names.contains(name)) {
+            self.store.sweep(&units.join(name))?;
         }
         self.store.probe(&self.root)
     }
@@ -111,18 +118,19 @@ impl RunDir {
     /// [`RunDirError::Write`], after which the process should end; [`RunDirError::Differs`] when another result is
     /// there; what [`Self::read`] gives.
     pub fn commit(&self, key: &Key, result: &[u8]) -> Result<(), RunDirError> {
-        match self.read(key)? {
-            Some(stored) if stored == result => {}
-            Some(_) => return Err(RunDirError::Differs { key: *key, path: self.unit_path(key) }),
-            None => {
-                let file = seal(Content::Unit, key, result);
-                let dir = self.shard(key).map_err(|source| RunDirError::Write {
-                    path: self.unit_path(key),
-                    bytes_needed: file.len() as u64,
-                    source,
-                })?;
-                self.store.put(&dir, &self.unit_path(key), &file)?;
-            }
+        let path = self.unit_path(key);
+        let file = match self.read(key)? {
+            Some(stored) if stored != result => return Err(RunDirError::Differs { key: *key, path }),
+            Some(_) => None,
+            None => Some(seal(Content::Unit, key, result)),
+        };
+        let bytes_needed = file.as_ref().map_or(0, |file| file.len() as u64);
+        let unwritten = |source| RunDirError::Write { path: path.clone(), bytes_needed, source };
+        let dir = self.shard(key).map_err(unwritten)?;
+        match file {
+            Some(file) => self.store.put(&dir, &path, &file)?,
+            // Whoever put it there may have been killed before its name was made to last.
+            None => self.store.disk().sync_dir(&dir).map_err(unwritten)?,
         }
         // It has no further use, and does no harm should it stay.
         let _ = self.store.disk().remove(&self.checkpoint_path(key));
@@ -192,10 +200,10 @@ impl RunDir {
     }
 
     fn shard_path(&self, key: &Key) -> PathBuf {
-        self.root.join("units").join(format!("{:02x}", key.as_bytes()[0]))
+        self.root.join("units").join(shard_name(key.as_bytes()[0]))
     }
 
-    /// The directory of unit `key`, which lasts when this returns: a process that was killed may have made it without.
+    /// The directory of unit `key`, whose name lasts when this returns.
     fn shard(&self, key: &Key) -> io::Result<PathBuf> {
         let path = self.shard_path(key);
         let mut shards = self.shards.lock().unwrap_or_else(PoisonError::into_inner);
@@ -219,6 +227,10 @@ impl RunDir {
         let is_file = plain && !own && !name.is_empty() && !name.ends_with('/');
         if is_file { Ok(self.root.join(name)) } else { Err(RunDirError::Name(name.to_owned())) }
     }
+}
+/// The name of the directory of all units whose key begins with this byte.
+fn shard_name(first: u8) -> String {
+    format!("{first:02x}")
 }
 
 #[cfg(test)]

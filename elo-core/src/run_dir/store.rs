@@ -47,19 +47,29 @@ impl Store {
         &*self.disk
     }
 
-    /// Makes a directory and its missing parents, and makes their names last.
+    /// Makes a directory and its missing parents. Their names last once the directories that hold them are synced.
     pub(super) fn create_dir(&self, path: &Path) -> io::Result<()> {
-        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut made = self.disk.create_dir(path);
-        if made.as_ref().is_err_and(|error| error.kind() == ErrorKind::NotFound) && parent != Path::new(".") {
+        if let (Err(error), Some(parent)) = (&made, path.parent())
+            && error.kind() == ErrorKind::NotFound
+            && !parent.as_os_str().is_empty()
+        {
             self.create_dir(parent)?;
             made = self.disk.create_dir(path);
         }
-        match made {
-            Ok(()) => self.disk.sync_dir(parent),
-            Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(()),
-            Err(error) => Err(error),
+        made.or_else(|error| if error.kind() == ErrorKind::AlreadyExists { Ok(()) } else { Err(error) })
+    }
+
+    /// Makes the names of all directories on the way to `path` last, but for those that may not be looked into.
+    pub(super) fn sync_way_to(&self, path: &Path) -> io::Result<()> {
+        for dir in path.ancestors().skip(1) {
+            let dir = if dir.as_os_str().is_empty() { Path::new(".") } else { dir };
+            match self.disk.sync_dir(dir) {
+                Err(error) if error.kind() != ErrorKind::PermissionDenied => return Err(error),
+                _ => {}
+            }
         }
+        Ok(())
     }
 
     /// Puts a file at `path`, in place of whatever file is there, by way of a temporary file in `beside`, a directory

@@ -239,8 +239,12 @@ impl FileSystem for TornDisk {
         Ok(inside.filter_map(|name| Some(name.file_name()?.to_str()?.to_owned())).collect())
     }
 
-    fn lock(&self, _: &Path) -> Result<Box<dyn Send + Sync>, LockError> {
-        Ok(Box::new(()))
+    /// Makes the file and locks nothing: there is one process to a disk here.
+    fn lock(&self, path: &Path) -> Result<Box<dyn Send + Sync>, LockError> {
+        match self.create_new(path) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error.into()),
+            _ => Ok(Box::new(())),
+        }
     }
 }
 
@@ -296,6 +300,21 @@ mod tests {
     fn a_power_cut_at_any_operation_takes_nothing_back_and_leaves_nothing_half() {
         let operations = cut_everywhere(TornDisk::new).unwrap_or_else(|broken| panic!("{broken}"));
         assert!(operations > 80, "only {operations} operations");
+    }
+
+    #[test]
+    fn a_process_that_goes_on_after_a_killed_one_makes_the_work_of_both_last() {
+        let whole = TornDisk::new(usize::MAX);
+        let mut done = Done::default();
+        work(Arc::new(whole.clone()), &mut done).unwrap();
+        for killed_at in 0..whole.operations() {
+            let disk = TornDisk::new(killed_at);
+            work(Arc::new(disk.clone()), &mut Done::default()).unwrap_err();
+            let disk = TornDisk { cut_at: usize::MAX, ..disk };
+            work(Arc::new(disk.clone()), &mut Done::default()).unwrap();
+            recover(Arc::new(disk.after(Loss::Everything)), &done)
+                .unwrap_or_else(|broken| panic!("killed at {killed_at}: {broken}"));
+        }
     }
 
     #[test]
