@@ -185,10 +185,14 @@ impl ArticulatedBody for RapierBody {
     }
 }
 
-/// Compliance of joint limits: near MuJoCo's default, which returns from outside as a critically damped spring of time
-/// constant 0.02 s and yields little to torques.
+/// Joint limits are absorbing stops, as in the robots' files for MuJoCo and in Roboschool: a joint that moves outwards
+/// stops, and one that starts outside stays there until something pushes it in, but for a return at half its excess per
+/// second. (The engine's own default returns within one part of a step, with hundreds of rad/s; and a soft spring would
+/// depend on the length of the step, because the engine forgets the velocity with which it corrects positions.)
 fn limit_softness() -> SpringCoefficients<f64> {
-    SpringCoefficients::new(30.0, 2.0)
+    // Rate of return ω / (2 ζ) = 0.5/s; a compliance of 1/(2 ζ² · rate · step), about 1e-4, is as good as none.
+    let (angular_frequency, damping_ratio) = (1000.0, 1000.0);
+    SpringCoefficients::new(angular_frequency / std::f64::consts::TAU, damping_ratio)
 }
 
 fn step(
