@@ -13,5 +13,13 @@ pub mod rapier;
 
 /// The simulators of this crate.
 pub const PLUGINS: &[Plugin] = &[
-    Plugin::simulator::<mujoco::MujocoConfig>("mujoco", "robots with legs in MuJoCo 3.17.0 (needs libmujoco)"),
+    Plugin::simulator::<mujoco::MujocoConfig>(
+        "mujoco",
+        "robots with legs in MuJoCo 3.17.0 (needs libmujoco)",
+    ),
+    #[cfg(feature = "rapier")]
+    Plugin::simulator::<rapier::RapierConfig>(
+        "rapier",
+        "robots with legs in Rapier 0.36.1 (pure Rust, nothing to install)",
+    ),
 ];

@@ -12,7 +12,7 @@ use rapier3d_f64::geometry::{
 };
 
 use super::inertia::Inertia;
-use super::shape::Shape;
+use super::shape::{Form, Shape};
 use super::skeleton::{Freedom, Freedoms, Link, Skeleton};
 use crate::locomotion::body::Dynamics;
 
@@ -63,7 +63,8 @@ impl World {
         let ground = world.bodies.insert(RigidBodyBuilder::fixed());
         let root = world.bodies.insert(RigidBodyBuilder::fixed());
         for obstacle in &skeleton.obstacles {
-            world.add_collider(obstacle, dynamics.floor_friction, ground);
+            let floor = obstacle.form == Form::Plane;
+            world.add_collider(obstacle, if floor { dynamics.floor_friction } else { obstacle.friction }, ground);
         }
         for (index, link) in skeleton.links.iter().enumerate() {
             let mut inertia = link.inertia;
@@ -74,7 +75,7 @@ impl World {
             let parent = link.parent.map_or(root, |p| world.links[p].body);
             world.add_link(link, &inertia, parent, limits);
             for shape in &link.shapes {
-                world.add_collider(shape, shape.friction.min(dynamics.floor_friction), world.links[index].body);
+                world.add_collider(shape, shape.friction, world.links[index].body);
             }
         }
         world.set_passive_forces(skeleton, robot_touches_itself(skeleton));

@@ -12,6 +12,7 @@ use super::builder::World;
 use super::skeleton::Skeleton;
 use super::{coordinates, motors};
 use crate::locomotion::body::{ArticulatedBody, Dynamics, Pose as BodyPose, Reading};
+use crate::locomotion::model::RobotModel;
 
 /// How the engine divides a control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,20 +44,16 @@ pub struct RapierBody {
 }
 
 impl RapierBody {
-    /// Loads a robot. `torso` is the body that carries the payload, in the order of the file without the world.
+    /// Loads a robot, with the dynamics of its file.
     ///
     /// # Errors
-    /// The first element of the file that this engine cannot represent, by name.
-    pub fn new(
-        mjcf: &mjcf_rs::Model,
-        torso: usize,
-        dynamics: Dynamics,
-        division: Division,
-    ) -> Result<Self, String> {
-        let skeleton = Skeleton::of(mjcf)?;
-        if skeleton.places.get(torso).is_none() {
-            return Err(format!("the torso is body {torso} of {}", skeleton.places.len()));
+    /// The first element of the file that this engine cannot represent, by name; a division without steps.
+    pub fn new(model: &RobotModel, division: Division) -> Result<Self, String> {
+        if division.steps == 0 || division.substeps == 0 {
+            return Err("a control step needs at least one engine step of one part".to_owned());
         }
+        let skeleton = Skeleton::of(&model.mjcf)?;
+        let (torso, dynamics) = (model.torso, model.dynamics);
         let parameters = IntegrationParameters {
             dt: division.control_step / division.steps as f64,
             num_solver_iterations: division.substeps,
@@ -165,10 +162,7 @@ impl ArticulatedBody for RapierBody {
     }
 
     fn read(&self, reading: &mut Reading) {
-        let count = self.skeleton.places.len();
-        reading.bodies.resize(count, BodyPose::default());
-        reading.on_floor.resize(count, false);
-        for body in 0..count {
+        for body in 0..self.skeleton.places.len() {
             let pose = self.pose(body);
             let q = pose.rotation.normalize();
             reading.bodies[body] =
@@ -179,8 +173,6 @@ impl ArticulatedBody for RapierBody {
         reading.torso_velocity = place.link.map_or([0.0; 3], |link| {
             self.world.point_velocity(link, self.pose(self.torso) * place.centre).to_array()
         });
-        reading.joint_positions.resize(self.skeleton.motors.len(), 0.0);
-        reading.joint_velocities.resize(self.skeleton.motors.len(), 0.0);
         for (index, motor) in self.skeleton.motors.iter().enumerate() {
             let (position, velocity) = coordinates::of_joint(&self.world, &self.skeleton, motor);
             reading.joint_positions[index] = position;
@@ -193,10 +185,14 @@ impl ArticulatedBody for RapierBody {
     }
 }
 
-/// Compliance of joint limits: near MuJoCo's default, which returns from outside as a critically damped spring of time
-/// constant 0.02 s and yields little to torques.
+/// Joint limits are absorbing stops, as in the robots' files for MuJoCo and in Roboschool: a joint that moves outwards
+/// stops, and one that starts outside stays there until something pushes it in, but for a return at half its excess per
+/// second. (The engine's own default returns within one part of a step, with hundreds of rad/s; and a soft spring would
+/// depend on the length of the step, because the engine forgets the velocity with which it corrects positions.)
 fn limit_softness() -> SpringCoefficients<f64> {
-    SpringCoefficients::new(30.0, 2.0)
+    // Rate of return ω / (2 ζ) = 0.5/s; a compliance of 1/(2 ζ² · rate · step), about 1e-4, is as good as none.
+    let (angular_frequency, damping_ratio) = (1000.0, 1000.0);
+    SpringCoefficients::new(angular_frequency / std::f64::consts::TAU, damping_ratio)
 }
 
 fn step(

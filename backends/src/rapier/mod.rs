@@ -1,6 +1,7 @@
 //! Robots in Rapier.
 
 mod builder;
+mod config;
 mod coordinates;
 mod engine;
 mod inertia;
@@ -10,4 +11,5 @@ mod shape;
 mod skeleton;
 mod unsupported;
 
+pub use config::RapierConfig;
 pub use engine::{Division, RapierBody};

@@ -238,11 +238,6 @@ impl Skeleton {
         });
         Freedoms::Axes(axes.collect())
     }
-
-    /// The body of this name, in the order of the file without the world.
-    pub fn body(&self, name: &str) -> Option<usize> {
-        self.places.iter().position(|place| place.name == name)
-    }
 }
 
 impl Freedom {
