@@ -4,4 +4,14 @@
 //! [`locomotion::body::ArticulatedBody`] and the observation, reward and reset come with it), its `mod` line below and its
 //! line in [`PLUGINS`]. A Cargo feature only where it links a library that may be absent.
 
+use elo_core::plugin::Plugin;
+
 pub mod locomotion;
+pub mod mujoco;
+#[cfg(feature = "rapier")]
+pub mod rapier;
+
+/// The simulators of this crate.
+pub const PLUGINS: &[Plugin] = &[
+    Plugin::simulator::<mujoco::MujocoConfig>("mujoco", "robots with legs in MuJoCo 3.17.0 (needs libmujoco)"),
+];

@@ -39,7 +39,8 @@ pub trait ArticulatedBody: Send {
 /// What a task may change about the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamics {
-    /// Sliding friction coefficient between floor and robot.
+    /// Sliding friction coefficient of the floor. Of the two coefficients at a contact the greater counts, as in MuJoCo;
+    /// the project's own robots have 0.
     pub floor_friction: f64,
     /// Mass added at the torso's centre of mass, in kg.
     pub payload: f64,
@@ -58,6 +59,19 @@ pub struct Reading {
     pub joint_velocities: Vec<f64>,
     /// Whether each body touches the floor, in the order of `bodies`.
     pub on_floor: Vec<bool>,
+}
+
+impl Reading {
+    /// A reading with room for these numbers of bodies and actuated joints.
+    pub fn sized(bodies: usize, joints: usize) -> Self {
+        Self {
+            bodies: vec![Pose::default(); bodies],
+            torso_velocity: [0.0; 3],
+            joint_positions: vec![0.0; joints],
+            joint_velocities: vec![0.0; joints],
+            on_floor: vec![false; bodies],
+        }
+    }
 }
 
 /// A frame in the world.

@@ -1,3 +1,16 @@
-//! What all engines share about robots with legs.
+//! What all engines share about robots with legs: the robots' MJCF files, what may be loaded, observation, reward terms,
+//! reset and ends. An engine implements [`body::ArticulatedBody`] and gets the rest through [`simulator::Locomotion`].
+//!
+//! The three robots carry the masses, inertias, torques and reward of Roboschool's Ant, HalfCheetah and Walker2d, which
+//! the paper uses. Known differences from those environments: joint limits are springs instead of hard one-sided stops,
+//! there is no restitution and no built-in drag of links, Ant's ankle axes have unit length, and a contact is a
+//! penetration, not a gap of some millimetres.
 
 pub mod body;
+pub mod model;
+pub mod observation;
+pub mod prescan;
+mod read;
+pub mod reward;
+pub mod robot;
+pub mod simulator;

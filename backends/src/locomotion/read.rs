@@ -1,0 +1,260 @@
+//! From a parsed MJCF file to a [`RobotModel`], with everything that is wrong on the way.
+
+use std::f64::consts::PI;
+
+use elo_core::fault::nearest;
+use mjcf_rs::body::{Body, Geom, GeomType, Joint, JointType};
+use mjcf_rs::compiler::InertiaFromGeom;
+use mjcf_rs::extras::{Actuator, ActuatorKind};
+use mjcf_rs::glam::DVec3;
+
+use super::body::Dynamics;
+use super::model::{ActuatedJoint, BodyModel, RobotModel};
+use super::robot::RobotDescription;
+
+/// Reads the robot; see [`RobotModel::load`].
+pub(super) fn robot(description: &RobotDescription, mjcf: mjcf_rs::Model) -> Result<RobotModel, Vec<String>> {
+    let mut faults = Vec::new();
+    let bodies = bodies(&mjcf, &mut faults);
+    let floor_friction = floor_friction(&mjcf, &mut faults);
+    let coordinates = Coordinates::of(&mjcf, &mut faults);
+    let joints = actuated_joints(&mjcf, &coordinates, &mut faults);
+    let mut find_all = |field: &str, names: &[String]| -> Vec<usize> {
+        names.iter().filter_map(|name| find(&bodies, field, name).map_err(|e| faults.push(e)).ok()).collect()
+    };
+    let torso = find_all("torso", std::slice::from_ref(&description.torso)).first().copied().unwrap_or(0);
+    let feet = find_all("feet", &description.feet);
+    let no_floor_contact = find_all("alive.no_floor_contact", &description.alive.no_floor_contact);
+    let progress = progress(description, &bodies, torso, &mut faults);
+    check_numbers(description, &mut faults);
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    Ok(RobotModel {
+        description: description.clone(),
+        joints,
+        standard_positions: coordinates.standard,
+        velocity_count: coordinates.velocities,
+        root_quaternion: coordinates.quaternion,
+        bodies,
+        mjcf,
+        torso,
+        feet,
+        no_floor_contact,
+        progress,
+        dynamics: Dynamics { floor_friction, payload: 0.0 },
+    })
+}
+
+/// Names, masses and centres of the bodies.
+pub(super) fn bodies(mjcf: &mjcf_rs::Model, faults: &mut Vec<String>) -> Vec<BodyModel> {
+    let compiler = &mjcf.compiler;
+    let mut bodies = Vec::new();
+    for (id, entry) in mjcf.bodies_iter() {
+        let by_geoms = compiler.inertia_from_geom == InertiaFromGeom::True;
+        let (mass, center) = match &entry.body.inertial {
+            Some(inertial) if !by_geoms => (inertial.mass, inertial.pose.translation),
+            _ => mass_of_geoms(&entry.body, compiler.inertia_density),
+        };
+        let name = entry.body.name.clone().unwrap_or_default();
+        if name.is_empty() {
+            faults.push(format!("<body> number {id} has no name"));
+        }
+        if entry.body.mocap {
+            faults.push(format!("<body name=\"{name}\">: mocap bodies are not supported"));
+        }
+        bodies.push(BodyModel { name, mass, center: center.to_array() });
+    }
+    if compiler.set_total_mass > 0.0 {
+        let total: f64 = bodies.iter().map(|body| body.mass).sum();
+        bodies.iter_mut().for_each(|body| body.mass *= compiler.set_total_mass / total);
+    }
+    let roots = mjcf.bodies_iter().filter(|(_, entry)| entry.parent == Some(0)).count();
+    if roots != 1 {
+        faults.push(format!("<worldbody> holds {roots} bodies, expected one, the root of the robot"));
+    }
+    bodies
+}
+
+/// Mass and centre of mass of a body by MuJoCo's rule: each geom's `mass`, or its density times its volume.
+fn mass_of_geoms(body: &Body, density: f64) -> (f64, DVec3) {
+    let (mut mass, mut moment) = (0.0, DVec3::ZERO);
+    for geom in &body.geoms {
+        let ends = geom.fromto.map(|p| (DVec3::new(p[0], p[1], p[2]), DVec3::new(p[3], p[4], p[5])));
+        let center = ends.map_or(geom.pose.translation, |(a, b)| (a + b) / 2.0);
+        let half_length = ends.map(|(a, b)| (b - a).length() / 2.0);
+        let own = geom.mass.unwrap_or_else(|| geom.density.unwrap_or(density) * volume(geom, half_length));
+        mass += own;
+        moment += center * own;
+    }
+    (mass, if mass > 0.0 { moment / mass } else { DVec3::ZERO })
+}
+
+/// The volume of a primitive in m³; `half_length` is that of a `fromto` and replaces the size along z.
+fn volume(geom: &Geom, half_length: Option<f64>) -> f64 {
+    let [a, b, c] = geom.size;
+    let ball = |r: f64| 4.0 / 3.0 * PI * r * r * r;
+    match geom.type_ {
+        GeomType::Sphere => ball(a),
+        GeomType::Capsule => ball(a) + PI * a * a * 2.0 * half_length.unwrap_or(b),
+        GeomType::Cylinder => PI * a * a * 2.0 * half_length.unwrap_or(b),
+        GeomType::Box => 8.0 * if let Some(half) = half_length { a * a * half } else { a * b * c },
+        GeomType::Ellipsoid => {
+            4.0 / 3.0 * PI * if let Some(half) = half_length { a * a * half } else { a * b * c }
+        }
+        GeomType::Plane | GeomType::Hfield | GeomType::Mesh | GeomType::Sdf => 0.0,
+    }
+}
+
+/// The sliding friction of the floor, the world's one plane.
+fn floor_friction(mjcf: &mjcf_rs::Model, faults: &mut Vec<String>) -> f64 {
+    let geoms = &mjcf.bodies[0].body.geoms;
+    let planes: Vec<&Geom> = geoms.iter().filter(|geom| geom.type_ == GeomType::Plane).collect();
+    if let [floor] = planes[..] {
+        return floor.friction[0];
+    }
+    faults.push(format!("<worldbody> holds {} planes, expected one, the floor", planes.len()));
+    0.0
+}
+
+/// Where each joint's coordinates lie, and the file's own pose.
+struct Coordinates<'a> {
+    joints: Vec<(&'a Joint, usize, usize)>,
+    standard: Vec<f64>,
+    velocities: usize,
+    quaternion: Option<usize>,
+}
+
+impl<'a> Coordinates<'a> {
+    fn of(mjcf: &'a mjcf_rs::Model, faults: &mut Vec<String>) -> Self {
+        let mut all = Self { joints: Vec::new(), standard: Vec::new(), velocities: 0, quaternion: None };
+        for (_, entry) in mjcf.bodies_iter() {
+            for joint in &entry.body.joints {
+                all.joints.push((joint, all.standard.len(), all.velocities));
+                all.velocities += match joint.type_ {
+                    JointType::Hinge | JointType::Slide => {
+                        all.standard.push(joint.ref_);
+                        1
+                    }
+                    JointType::Free => {
+                        let (origin, turn) = (entry.body.pose.translation, entry.body.pose.rotation);
+                        all.standard.extend(origin.to_array());
+                        all.quaternion = Some(all.standard.len());
+                        all.standard.extend([turn.w, turn.x, turn.y, turn.z]);
+                        6
+                    }
+                    JointType::Ball => {
+                        let name = joint.name.as_deref().unwrap_or_default();
+                        faults.push(format!(
+                            "<joint name=\"{name}\">: ball joints are not supported; use hinges"
+                        ));
+                        0
+                    }
+                };
+            }
+        }
+        all
+    }
+}
+
+fn actuated_joints(
+    mjcf: &mjcf_rs::Model,
+    coordinates: &Coordinates<'_>,
+    faults: &mut Vec<String>,
+) -> Vec<ActuatedJoint> {
+    if mjcf.actuators.is_empty() {
+        faults.push("<actuator> holds no <motor>".to_owned());
+    }
+    let one =
+        |motor| actuated(motor, coordinates, mjcf.compiler.autolimits).map_err(|fault| faults.push(fault));
+    mjcf.actuators.iter().map(one).filter_map(Result::ok).collect()
+}
+
+fn actuated(
+    motor: &Actuator,
+    coordinates: &Coordinates<'_>,
+    autolimits: bool,
+) -> Result<ActuatedJoint, String> {
+    let here = format!("<motor name=\"{}\">", motor.name.as_deref().unwrap_or_default());
+    let target = motor.joint.as_deref();
+    if motor.kind != ActuatorKind::Motor {
+        return Err(format!("{here}: expected a <motor>, got {:?}", motor.kind));
+    }
+    let found =
+        coordinates.joints.iter().find(|(joint, ..)| target.is_some() && joint.name.as_deref() == target);
+    let &(joint, position, velocity) = found.ok_or_else(|| format!("{here} drives no joint of the file"))?;
+    if !matches!(joint.type_, JointType::Hinge | JointType::Slide) {
+        return Err(format!("{here}: expected a hinge or slide, got {:?}", joint.type_));
+    }
+    let range = joint.range.filter(|[low, high]| low < high).ok_or_else(|| {
+        let name = target.unwrap_or_default();
+        format!(
+            "<joint name=\"{name}\">: a joint with a motor needs a range (the observation is relative to it)"
+        )
+    })?;
+    let limited = motor.ctrl_limited.resolve(autolimits, motor.ctrl_range.is_some());
+    let control = motor.ctrl_range.filter(|_| limited).unwrap_or([-1.0, 1.0]);
+    if control[0] >= control[1] {
+        return Err(format!("{here}: ctrlrange {} to {} is empty", control[0], control[1]));
+    }
+    let name = target.unwrap_or_default().to_owned();
+    Ok(ActuatedJoint { name, position, velocity, range, gear: motor.gear[0], control })
+}
+
+fn find(bodies: &[BodyModel], field: &str, name: &str) -> Result<usize, String> {
+    bodies.iter().position(|body| body.name == name).ok_or_else(|| {
+        let near = nearest(name, bodies.iter().map(|body| body.name.as_str()));
+        let meant = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+        format!("`{field}`: the file has no body `{name}`{meant}")
+    })
+}
+
+fn progress(
+    description: &RobotDescription,
+    bodies: &[BodyModel],
+    torso: usize,
+    faults: &mut Vec<String>,
+) -> Vec<(usize, [f64; 3], f64)> {
+    let mut points: Vec<(usize, [f64; 3], f64)> = Vec::new();
+    if description.progress.is_empty() {
+        let others = (0..bodies.len()).filter(|&body| body != torso);
+        points.extend(others.map(|body| (body, [0.0; 3], 1.0)));
+        if points.is_empty() {
+            points.push((torso, [0.0; 3], 1.0));
+        }
+    }
+    for point in &description.progress {
+        match find(bodies, "progress", &point.body) {
+            Ok(body) => points.push((body, point.offset, point.weight)),
+            Err(fault) => faults.push(fault),
+        }
+    }
+    let total: f64 = points.iter().map(|point| point.2).sum();
+    if !(total > 0.0 && total.is_finite() && points.iter().all(|point| point.2 >= 0.0)) {
+        faults.push(format!("`progress`: expected weights >= 0 with a positive sum, got a sum of {total}"));
+    }
+    points.iter_mut().for_each(|point| point.2 /= total);
+    points
+}
+
+fn check_numbers(description: &RobotDescription, faults: &mut Vec<String>) {
+    let mut check = |field: &str, value: f64, low: f64, high: f64| {
+        if !(low..=high).contains(&value) {
+            faults.push(format!("`{field}`: expected {low} to {high}, got {value}"));
+        }
+    };
+    check("torque_scale", description.torque_scale, 0.0, 1e6);
+    check("reset_noise", description.reset_noise, 0.0, 10.0);
+    check("substeps", f64::from(description.substeps), 1.0, 1000.0);
+    for (field, limit) in
+        [("alive.min_height", description.alive.min_height), ("alive.max_pitch", description.alive.max_pitch)]
+    {
+        check(field, limit.unwrap_or_default(), -1e6, 1e6);
+    }
+    for point in &description.progress {
+        point.offset.iter().for_each(|&x| check("progress.offset", x, -1e6, 1e6));
+    }
+    if description.name.trim().is_empty() {
+        faults.push("`name`: expected a name, got nothing".to_owned());
+    }
+}
