@@ -1,9 +1,29 @@
 //! Copies of tensors with one thing wrong, for readers that must refuse them.
 
-use crate::tensors::{Tensor, Tensors};
+use super::check::Violation;
+use crate::tensors::{Tensor, TensorError, Tensors};
 
 /// A damaged copy, and what is wrong with it.
 pub(super) type Damaged = (String, Tensors);
+
+/// Asks that `load` refuses each copy, or that `harmless` can say why what it made of the copy is right.
+pub(super) fn demand_refusals<P: ?Sized>(
+    copies: Vec<Damaged>,
+    load: impl Fn(&Tensors) -> Result<Box<P>, TensorError>,
+    harmless: impl Fn(&P, &Tensors) -> Result<(), Violation>,
+) -> Result<(), Violation> {
+    for (what, tensors) in copies {
+        if let Ok(policy) = load(&tensors) {
+            harmless(&policy, &tensors).map_err(|violation| violation.during(format!("loaded {what}")))?;
+        }
+    }
+    Ok(())
+}
+
+/// The `harmless` of [`demand_refusals`] for damage that is never right.
+pub(super) fn never<P: ?Sized>(_: &P, _: &Tensors) -> Result<(), Violation> {
+    Err(Violation::new("load", "an error", "a policy"))
+}
 
 /// Copies that lack one tensor each.
 pub(super) fn missing(tensors: &Tensors) -> Vec<Damaged> {

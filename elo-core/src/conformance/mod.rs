@@ -24,5 +24,9 @@ mod config;
 mod damage;
 #[cfg(test)]
 mod liars;
+pub mod metric;
+pub mod option_learner;
+pub mod option_policy;
 pub mod point_mass;
 pub mod simulator;
+pub mod teacher;

@@ -71,7 +71,8 @@ pub const CHECKS: &[Check<Case>] = &[
 
 /// Tries every rule on `case`.
 ///
-/// Costs some 100 episodes of the case's length, and as many builds.
+/// Costs about 8,000 control steps at the default length, up to 4,500 more in a world whose episodes never end, and about
+/// a hundred builds.
 pub fn run(case: &Case) -> Report {
     Report::of(format!("{:?}", case.config), CHECKS, case)
 }
