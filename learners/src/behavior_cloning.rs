@@ -38,7 +38,13 @@ pub struct BehaviorCloningConfig {
 
 impl Default for BehaviorCloningConfig {
     fn default() -> Self {
-        Self { hidden: vec![32, 32], epochs: 400, minibatch: 50, learning_rate: 1e-2, observation_noise: 0.05 }
+        Self {
+            hidden: vec![32, 32],
+            epochs: 400,
+            minibatch: 50,
+            learning_rate: 1e-2,
+            observation_noise: 0.05,
+        }
     }
 }
 
@@ -81,7 +87,9 @@ impl OptionLearner for BehaviorCloningConfig {
         let normalizer = normalizer_of(demonstration, spec.observation_size);
         let (network, error) = self.fit(demonstration, &normalizer, seed)?;
         if !(error.is_finite() && network.params().iter().all(|p| p.is_finite())) {
-            return Err(format!("fitting the demonstration did not converge (error {error}): lower learning_rate"));
+            return Err(format!(
+                "fitting the demonstration did not converge (error {error}): lower learning_rate"
+            ));
         }
         let network = NormalizedMlp::new(normalizer, network);
         Ok(Box::new(MlpPolicy::new(network, demonstration.steps)))

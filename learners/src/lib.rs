@@ -24,7 +24,10 @@ use elo_core::plugin::Plugin;
 
 /// What this crate brings.
 pub const PLUGINS: &[Plugin] = &[
-    Plugin::teacher::<ppo::PpoConfig>("ppo", "proximal policy optimisation, the paper's teachers (Eq. 2.3, 2.4)"),
+    Plugin::teacher::<ppo::PpoConfig>(
+        "ppo",
+        "proximal policy optimisation, the paper's teachers (Eq. 2.3, 2.4)",
+    ),
     Plugin::option_learner::<open_loop::OpenLoopConfig>(
         "open_loop",
         "replays the teacher's actions, the paper's options (§5.1)",

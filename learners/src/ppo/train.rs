@@ -297,7 +297,12 @@ impl<'a> Training<'a> {
 
 /// One step of stochastic gradient descent on `−L` (Eq. 2.4), the critic's squared error and the entropy bonus. Returns
 /// how far the policy had moved before it.
-fn descend(config: &PpoConfig, batch: &mut Minibatch, learner: &mut Learner, rate: f64) -> Result<f32, String> {
+fn descend(
+    config: &PpoConfig,
+    batch: &mut Minibatch,
+    learner: &mut Learner,
+    rate: f64,
+) -> Result<f32, String> {
     let Minibatch { activations: [of_policy, of_critic], gradients, .. } = batch;
     gradients.iter_mut().for_each(|gradient| gradient.fill(0.0));
     let [d_policy, d_log_std, d_critic] = gradients;
@@ -321,7 +326,8 @@ fn descend(config: &PpoConfig, batch: &mut Minibatch, learner: &mut Learner, rat
     batch.d_values.iter_mut().for_each(|d| *d *= config.value_coefficient as f32);
     learner.critic.backward(of_critic, &batch.d_values, d_critic);
 
-    let norm = clip_grad_norm(&mut [&mut *d_policy, &mut *d_log_std, &mut *d_critic], config.max_grad_norm as f32);
+    let norm =
+        clip_grad_norm(&mut [&mut *d_policy, &mut *d_log_std, &mut *d_critic], config.max_grad_norm as f32);
     if !(surrogate.loss.is_finite() && critic_loss.is_finite() && norm.is_finite()) {
         let (loss, kl) = (surrogate.loss, surrogate.approx_kl);
         return Err(format!(
