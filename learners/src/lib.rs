@@ -13,6 +13,7 @@
 //! suites on whatever is in it.
 
 pub mod behavior_cloning;
+mod demonstration;
 pub mod kernels;
 pub mod mlp_policy;
 pub mod nn;
