@@ -176,3 +176,21 @@ impl ArticulatedBody for MujocoBody {
         velocities.copy_from_slice(self.data.qvel());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::locomotion::laws::LAWS;
+
+    fn build(model: &RobotModel) -> Box<dyn ArticulatedBody> {
+        Box::new(MujocoBody::new(model).unwrap())
+    }
+
+    #[test]
+    fn mechanics() {
+        let broken: Vec<String> =
+            LAWS.iter().filter_map(|(name, law)| law(&build).err().map(|e| format!("{name}: {e}"))).collect();
+        assert!(broken.is_empty(), "{broken:#?}");
+    }
+}
