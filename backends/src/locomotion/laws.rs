@@ -12,10 +12,10 @@ use super::observation::in_world;
 use super::robot::{AliveRule, RobotDescription, built_in};
 
 /// Makes an engine's body of a robot.
-pub type Build = dyn Fn(&RobotModel) -> Box<dyn ArticulatedBody>;
+pub type Build<'a> = dyn Fn(&RobotModel) -> Box<dyn ArticulatedBody> + 'a;
 
 /// A law: what is wrong with the engine, if anything.
-pub type Law = fn(&Build) -> Result<(), String>;
+pub type Law = fn(&Build<'_>) -> Result<(), String>;
 
 /// All of them, by name.
 pub const LAWS: [(&str, Law); 15] = [
@@ -46,7 +46,7 @@ pub(super) struct Rig {
 pub(super) type Coordinates = (Vec<f64>, Vec<f64>);
 
 impl Rig {
-    pub fn new(build: &Build, model: RobotModel) -> Result<Self, String> {
+    pub fn new(build: &Build<'_>, model: RobotModel) -> Result<Self, String> {
         let mut body = build(&model);
         body.set_dynamics(&model.dynamics).map_err(text)?;
         Ok(Self { model, body })
@@ -164,7 +164,7 @@ fn expect_all(what: &str, got: &[f64], expected: &[f64], tolerance: f64) -> Resu
 }
 
 /// The ant's first foot, worked out by hand: hip 0.3 turns the leg about z, ankle 1.0 bends the foot down.
-fn poses_follow_coordinates(build: &Build) -> Result<(), String> {
+fn poses_follow_coordinates(build: &Build<'_>) -> Result<(), String> {
     let mut ant = Rig::new(build, built("ant")?)?;
     let (mut positions, velocities) = ant.standing();
     (positions[7], positions[8]) = (0.3, 1.0);
@@ -190,7 +190,7 @@ fn built(name: &str) -> Result<RobotModel, String> {
     RobotModel::load(&description).map_err(|faults| faults.join("; "))
 }
 
-fn coordinates_are_those_restored(build: &Build) -> Result<(), String> {
+fn coordinates_are_those_restored(build: &Build<'_>) -> Result<(), String> {
     for name in super::robot::NAMES {
         let mut rig = Rig::new(build, built(name)?)?;
         let (mut positions, mut velocities) = rig.standing();
@@ -212,7 +212,7 @@ fn coordinates_are_those_restored(build: &Build) -> Result<(), String> {
 }
 
 /// `z = z0 - g t²/2`; semi-implicit Euler falls `g t h/2` further.
-fn free_fall_is_uniform_acceleration(build: &Build) -> Result<(), String> {
+fn free_fall_is_uniform_acceleration(build: &Build<'_>) -> Result<(), String> {
     let mut rig = Rig::new(build, free_body(9.8)?)?;
     rig.restore(&rig.standing())?;
     let steps = 40;
@@ -226,7 +226,7 @@ fn free_fall_is_uniform_acceleration(build: &Build) -> Result<(), String> {
 
 /// Without gravity a spinning body's centre of mass flies straight on and its angular momentum keeps its length and
 /// direction, to first order in the step.
-fn a_free_body_turns_about_its_centre_of_mass(build: &Build) -> Result<(), String> {
+fn a_free_body_turns_about_its_centre_of_mass(build: &Build<'_>) -> Result<(), String> {
     let mut rig = Rig::new(build, free_body(0.0)?)?;
     let (mut positions, mut velocities) = rig.standing();
     // A quarter turn about z, so that world and own axes differ: own x is world y. The centre of mass shall move with
@@ -264,7 +264,7 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 }
 
 /// Against the displacement of the torso's centre over the next control step, in which it hardly accelerates.
-fn torso_velocity_is_that_of_its_centre_of_mass(build: &Build) -> Result<(), String> {
+fn torso_velocity_is_that_of_its_centre_of_mass(build: &Build<'_>) -> Result<(), String> {
     let mut walker = Rig::new(build, built("walker2d")?)?;
     let (mut positions, mut velocities) = walker.standing();
     positions[1] = 3.0;
@@ -285,12 +285,12 @@ fn torso_velocity_is_that_of_its_centre_of_mass(build: &Build) -> Result<(), Str
 }
 
 /// `x = F t²/(2 m)`; semi-implicit Euler goes `F t h/(2 m)` further.
-fn torque_accelerates_by_inertia(build: &Build) -> Result<(), String> {
+fn torque_accelerates_by_inertia(build: &Build<'_>) -> Result<(), String> {
     let mut cart = Rig::new(build, robot(9.8, CART.0, CART.1)?)?;
     expect("distance", distance_under_force(&mut cart)?, 5.0 / 2.0 / 2.0, 0.012)
 }
 
-fn payload_slows_the_motion(build: &Build) -> Result<(), String> {
+fn payload_slows_the_motion(build: &Build<'_>) -> Result<(), String> {
     let mut cart = Rig::new(build, robot(9.8, CART.0, CART.1)?)?;
     cart.body.set_dynamics(&Dynamics { payload: 3.0, ..cart.model.dynamics }).map_err(text)?;
     expect("distance with 3 kg", distance_under_force(&mut cart)?, 5.0 / 2.0 / 5.0, 0.005)?;
@@ -307,7 +307,7 @@ fn distance_under_force(cart: &mut Rig) -> Result<f64, String> {
 }
 
 /// `d = v²/(2 μ g)`, within 10 %: MuJoCo's contacts are soft.
-fn friction_stops_a_sliding_box(build: &Build) -> Result<(), String> {
+fn friction_stops_a_sliding_box(build: &Build<'_>) -> Result<(), String> {
     let mut rig = Rig::new(build, box_on_the_floor()?)?;
     for friction in [0.5, 0.2] {
         rig.body.set_dynamics(&Dynamics { floor_friction: friction, payload: 0.0 }).map_err(text)?;
@@ -323,7 +323,7 @@ fn friction_stops_a_sliding_box(build: &Build) -> Result<(), String> {
 }
 
 /// Its weight is borne: the mean acceleration over 2 s of rest is nil. In the air it touches nothing.
-fn a_resting_box_stays_and_touches_the_floor(build: &Build) -> Result<(), String> {
+fn a_resting_box_stays_and_touches_the_floor(build: &Build<'_>) -> Result<(), String> {
     let mut rig = Rig::new(build, box_on_the_floor()?)?;
     rig.restore(&rig.standing())?;
     (0..60).try_for_each(|_| rig.advance(&[0.0]))?;
@@ -348,7 +348,7 @@ fn a_resting_box_stays_and_touches_the_floor(build: &Build) -> Result<(), String
 
 /// A cart that starts 0.5 m outside its range comes back with half the violation per second, and one that runs into its
 /// limit with 5 m/s is stopped within 10 cm.
-fn limits_stop_and_bring_back_slowly(build: &Build) -> Result<(), String> {
+fn limits_stop_and_bring_back_slowly(build: &Build<'_>) -> Result<(), String> {
     let tree = CART.0.replace("-50 50", "-1 1");
     let mut cart = Rig::new(build, robot(9.8, &tree, CART.1)?)?;
     cart.restore(&(vec![1.5], vec![0.0]))?;
@@ -371,7 +371,7 @@ fn limits_stop_and_bring_back_slowly(build: &Build) -> Result<(), String> {
 }
 
 /// Mirrored at the x-z plane: legs 1 and 4, 2 and 3 change places, hips change sign.
-fn mirrored_torques_mirror_the_ant(build: &Build) -> Result<(), String> {
+fn mirrored_torques_mirror_the_ant(build: &Build<'_>) -> Result<(), String> {
     let mut ant = Rig::new(build, built("ant")?)?;
     let mirror = |x: &[f64]| [-x[6], x[7], -x[4], x[5], -x[2], x[3], -x[0], x[1]];
     let (mut positions, velocities) = ant.standing();
@@ -397,7 +397,7 @@ fn mirrored_torques_mirror_the_ant(build: &Build) -> Result<(), String> {
 }
 
 /// Through contacts and limits, on the same body after other work, and on a new one.
-fn replays_are_equal_bit_for_bit(build: &Build) -> Result<(), String> {
+fn replays_are_equal_bit_for_bit(build: &Build<'_>) -> Result<(), String> {
     let mut ant = Rig::new(build, built("ant")?)?;
     let run = |ant: &mut Rig| {
         ant.restore(&ant.standing())?;

@@ -19,14 +19,14 @@ fn about_the_pivot() -> f64 {
     INERTIA + MASS * CENTER * CENTER
 }
 
-fn released(build: &Build, angle: f64) -> Result<Rig, String> {
+fn released(build: &Build<'_>, angle: f64) -> Result<Rig, String> {
     let mut rig = Rig::new(build, robot(GRAVITY, SINGLE.0, SINGLE.1)?)?;
     rig.restore(&(vec![angle], vec![0.0]))?;
     Ok(rig)
 }
 
 /// `T = 2π sqrt(I/(m g l)) (1 + θ²/16)`, over five swings, within a thousandth.
-pub(super) fn has_its_period(build: &Build) -> Result<(), String> {
+pub(super) fn has_its_period(build: &Build<'_>) -> Result<(), String> {
     let mut rig = released(build, 0.1)?;
     let expected = std::f64::consts::TAU
         * (about_the_pivot() / (MASS * GRAVITY * CENTER)).sqrt()
@@ -50,7 +50,7 @@ pub(super) fn has_its_period(build: &Build) -> Result<(), String> {
 }
 
 /// From 2 rad, over 20 s: the energy stays within 2 % of the swing's below what it was, and never rises above it by more.
-pub(super) fn gains_no_energy(build: &Build) -> Result<(), String> {
+pub(super) fn gains_no_energy(build: &Build<'_>) -> Result<(), String> {
     let mut rig = released(build, 2.0)?;
     let energy = |(positions, velocities): &Coordinates| {
         0.5 * about_the_pivot() * velocities[0].powi(2) + MASS * GRAVITY * CENTER * (1.0 - positions[0].cos())
@@ -65,7 +65,7 @@ pub(super) fn gains_no_energy(build: &Build) -> Result<(), String> {
 
 /// Two such rods, the second hinged at the end (1 m) of the first, under constant torques: against the Lagrangian
 /// equations, the error of half the step is half the error.
-pub(super) fn errs_in_proportion_to_the_step(build: &Build) -> Result<(), String> {
+pub(super) fn errs_in_proportion_to_the_step(build: &Build<'_>) -> Result<(), String> {
     let tree = r#"<body name="torso" pos="0 0 3"><inertial pos="0 0 -0.5" mass="2" diaginertia="0.1 0.1 0.1"/>
         <joint name="upper" limited="true" range="-9 9"/>
         <body name="lower" pos="0 0 -1"><inertial pos="0 0 -0.5" mass="2" diaginertia="0.1 0.1 0.1"/>

@@ -11,6 +11,8 @@ pub mod body;
 pub(crate) mod laws;
 #[cfg(test)]
 mod laws_pendulum;
+#[cfg(test)]
+pub(crate) mod liars;
 pub mod model;
 pub mod observation;
 pub mod prescan;
