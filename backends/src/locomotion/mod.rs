@@ -7,6 +7,12 @@
 //! penetration, not a gap of some millimetres.
 
 pub mod body;
+#[cfg(test)]
+pub(crate) mod laws;
+#[cfg(test)]
+mod laws_pendulum;
+#[cfg(test)]
+pub(crate) mod liars;
 pub mod model;
 pub mod observation;
 pub mod prescan;
