@@ -8,9 +8,18 @@ use elo_core::plugin::Plugin;
 
 pub mod locomotion;
 pub mod mujoco;
+#[cfg(feature = "rapier")]
+pub mod rapier;
 
 /// The simulators of this crate.
-pub const PLUGINS: &[Plugin] = &[Plugin::simulator::<mujoco::MujocoConfig>(
-    "mujoco",
-    "robots with legs in MuJoCo 3.17.0 (needs libmujoco)",
-)];
+pub const PLUGINS: &[Plugin] = &[
+    Plugin::simulator::<mujoco::MujocoConfig>(
+        "mujoco",
+        "robots with legs in MuJoCo 3.17.0 (needs libmujoco)",
+    ),
+    #[cfg(feature = "rapier")]
+    Plugin::simulator::<rapier::RapierConfig>(
+        "rapier",
+        "robots with legs in Rapier 0.36.1 (pure Rust, nothing to install)",
+    ),
+];

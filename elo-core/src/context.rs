@@ -27,13 +27,18 @@ pub enum Split {
 }
 
 impl Split {
-    /// The root of the split's streams in a run.
-    pub fn seed(self, run: &Seed) -> Seed {
-        run.child("contexts").child(match self {
+    /// The split's name in seeds, files and messages.
+    pub fn name(self) -> &'static str {
+        match self {
             Self::Screen => "screen",
             Self::Select => "select",
             Self::Report => "report",
-        })
+        }
+    }
+
+    /// The root of the split's streams in a run.
+    pub fn seed(self, run: &Seed) -> Seed {
+        run.child("contexts").child(self.name())
     }
 }
 

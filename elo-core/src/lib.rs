@@ -5,15 +5,32 @@
 //! it their [`plugin::Plugin`] slices.
 
 pub mod agent;
+pub mod config;
 pub mod conformance;
 pub mod context;
+pub mod crew;
+pub mod discover;
+pub mod evaluate;
+pub mod experiment;
 pub mod fault;
+pub mod figures;
+pub mod fingerprint;
+pub mod key;
 pub mod metric;
+pub mod option_set;
 pub mod plugin;
 pub mod policy;
+pub mod report;
+pub mod results;
+pub mod returns;
 pub mod rollout;
+pub mod run_dir;
 pub mod seed;
+pub mod select;
 pub mod simulator;
 pub mod spec;
+pub mod statistics;
 pub mod task;
 pub mod tensors;
+pub mod units;
+pub mod worker;

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::metric::{MaximumMean, Metric, NegativeTail, PositiveSkew};
 use crate::policy::{OptionLearner, PolicyFormat, TeacherConfig};
+use crate::select::{Selector, Uniform};
 use crate::simulator::SimulatorConfig;
 
 /// One thing that a config can choose by its `kind`, or one format of stored policies.
@@ -87,6 +88,7 @@ constructors! {
     teacher: Teacher as dyn TeacherConfig;
     option_learner: OptionLearner as dyn OptionLearner;
     metric: Metric as dyn Metric;
+    selector: Selector as dyn Selector;
 }
 
 impl Plugin {
@@ -119,4 +121,5 @@ pub const PLUGINS: &[Plugin] = &[
         "positive_skew",
         "ψ_+: the mean, plus a premium on good returns (Eq. 4.7)",
     ),
+    Plugin::selector::<Uniform>("uniform", "every candidate in every context, as Algorithm 1 is printed"),
 ];

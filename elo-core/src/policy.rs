@@ -53,8 +53,11 @@ pub struct PolicyFormat {
     /// What the tensors are, with their shapes.
     pub summary: &'static str,
     /// Makes the policy for a robot of this spec.
-    pub load: fn(&Tensors, &SimulatorSpec) -> Result<Box<dyn OptionPolicy>, TensorError>,
+    pub load: PolicyLoader,
 }
+
+/// Makes an option policy of stored tensors, for a robot of the given spec; refuses tensors of another shape.
+pub type PolicyLoader = fn(&Tensors, &SimulatorSpec) -> Result<Box<dyn OptionPolicy>, TensorError>;
 
 /// How teachers are trained: `[teacher]` of a config, by its `kind`.
 #[typetag::serde(tag = "kind")]

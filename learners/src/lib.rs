@@ -1,1 +1,38 @@
-//! Placeholder
+//! Learners: what trains teachers and turns their trajectories into options. They see the simulators only through the
+//! traits of `elo-core`.
+//!
+//! [`nn`] holds the small networks and their optimiser; [`kernels`] the formulas of the losses and estimates, as pure
+//! functions, each with a test whose numbers are worked out by hand.
+//!
+//! # Adding a learner
+//!
+//! Write a config struct that implements [`elo_core::policy::TeacherConfig`] or [`elo_core::policy::OptionLearner`] in
+//! a file of its own (a folder, if it is long), with `Default`, a sentence for each field, and `validate`; add its `mod`
+//! line here and its entry to [`PLUGINS`]. Options that fit no format in the list bring their own
+//! [`elo_core::policy::PolicyFormat`], with an entry too. The tests of this crate walk the list and run the conformance
+//! suites on whatever is in it.
+
+pub mod behavior_cloning;
+pub mod kernels;
+pub mod mlp_policy;
+pub mod nn;
+pub mod normalized_mlp;
+pub mod open_loop;
+pub mod ppo;
+
+use elo_core::plugin::Plugin;
+
+/// What this crate brings.
+pub const PLUGINS: &[Plugin] = &[
+    Plugin::teacher::<ppo::PpoConfig>("ppo", "proximal policy optimisation, the paper's teachers (Eq. 2.3, 2.4)"),
+    Plugin::option_learner::<open_loop::OpenLoopConfig>(
+        "open_loop",
+        "replays the teacher's actions, the paper's options (§5.1)",
+    ),
+    Plugin::option_learner::<behavior_cloning::BehaviorCloningConfig>(
+        "behavior_cloning",
+        "a small network that acts as the teacher acted where it saw the same",
+    ),
+    Plugin::policy_format(open_loop::FORMAT),
+    Plugin::policy_format(mlp_policy::FORMAT),
+];

@@ -135,6 +135,9 @@ impl Simulator for PointMass {
                 check_length("positions", state.positions.len(), 1)?;
                 check_length("velocities", state.velocities.len(), 1)?;
                 check_length("memory", state.memory.len(), 0)?;
+                if !(state.positions[0].is_finite() && state.velocities[0].is_finite()) {
+                    return Err(SimulatorError::Start("a number of the state is not finite".to_owned()));
+                }
                 state.clone()
             }
         };
@@ -150,13 +153,13 @@ impl Simulator for PointMass {
         observation: &mut [f32],
         reward_terms: &mut [f64],
     ) -> Result<End, SimulatorError> {
+        if !std::mem::take(&mut self.running) {
+            return Err(SimulatorError::NoEpisode);
+        }
         check_length("action", action.len(), 1)?;
         check_length("observation", observation.len(), 2)?;
         check_length("reward terms", reward_terms.len(), 2)?;
         check_action(action)?;
-        if !self.running {
-            return Err(SimulatorError::NoEpisode);
-        }
         let force = f64::from(action[0].clamp(-1.0, 1.0));
         let h = PointMassConfig::CONTROL_STEP;
         self.state.velocities[0] += force / self.mass * h;

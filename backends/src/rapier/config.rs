@@ -1,0 +1,104 @@
+//! What a user may set about Rapier.
+
+use std::path::Path;
+
+use elo_core::fault::Faults;
+use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
+use elo_core::spec::SimulatorSpec;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::engine::{Division, RapierBody};
+use super::skeleton::Skeleton;
+use crate::locomotion::model::RobotModel;
+use crate::locomotion::robot::{self, RobotDescription};
+use crate::locomotion::simulator::Locomotion;
+
+/// A robot in Rapier. Exactly one of `robot` and `own_robot` is set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RapierConfig {
+    /// One of the built-in robots: `ant`, `half-cheetah` or `walker2d`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<String>,
+    /// A robot of the user's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_robot: Option<RobotDescription>,
+    /// Engine steps in one control step, in each of which contacts are found anew. More are more accurate and cost
+    /// proportionally more. The module's table has the figures behind the default, 4.
+    #[serde(default = "four")]
+    #[schemars(range(min = 1, max = 1000))]
+    pub steps_per_control: u32,
+    /// Parts of one engine step, in each of which the equations of motion are solved anew but contacts are not sought.
+    #[serde(default = "one")]
+    #[schemars(range(min = 1, max = 1000))]
+    pub substeps: u32,
+}
+
+fn four() -> u32 {
+    4
+}
+
+fn one() -> u32 {
+    1
+}
+
+impl Default for RapierConfig {
+    fn default() -> Self {
+        Self {
+            robot: Some("half-cheetah".to_owned()),
+            own_robot: None,
+            steps_per_control: four(),
+            substeps: one(),
+        }
+    }
+}
+
+impl RapierConfig {
+    /// The version of Rapier that is built in. Trajectories differ between versions.
+    pub const VERSION: &str = "0.36.1";
+
+    fn model(&self) -> Result<RobotModel, BuildError> {
+        robot::chosen(self.robot.as_deref(), self.own_robot.as_ref()).map_err(BuildError::Robot)
+    }
+}
+
+#[typetag::serde(name = "rapier")]
+impl SimulatorConfig for RapierConfig {
+    fn embed_files(&mut self, folder: &Path, faults: &mut Faults) {
+        if let Some(own) = &mut self.own_robot {
+            faults.within("own_robot", |faults| own.embed(folder, faults));
+        }
+    }
+
+    fn validate(&self, faults: &mut Faults) {
+        for (field, value) in [("steps_per_control", self.steps_per_control), ("substeps", self.substeps)] {
+            faults.check((1..=1000).contains(&value), field, || format!("expected 1 to 1000, got {value}"));
+        }
+        robot::validate(self.robot.as_deref(), self.own_robot.as_ref(), faults);
+        if let (Some(own), Ok(model)) = (&self.own_robot, self.model())
+            && let Err(fault) = Skeleton::of(&model.mjcf)
+        {
+            faults.within("own_robot", |faults| faults.add("mjcf", format!("`{}`: {fault}", own.name)));
+        }
+    }
+
+    fn spec(&self) -> Result<SimulatorSpec, BuildError> {
+        Ok(self.model()?.spec())
+    }
+
+    fn engine(&self) -> Engine {
+        Engine { name: "rapier".to_owned(), version: Self::VERSION.to_owned() }
+    }
+
+    fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
+        let model = self.model()?;
+        let division = Division {
+            control_step: model.control_step(),
+            steps: self.steps_per_control as usize,
+            substeps: self.substeps as usize,
+        };
+        let body = RapierBody::new(&model, division).map_err(BuildError::Robot)?;
+        Ok(Box::new(Locomotion::new(model, body)))
+    }
+}

@@ -1,0 +1,219 @@
+//! One robot in one world, stepped.
+
+use mjcf_rs::Pose;
+use mjcf_rs::glam::DVec3;
+use rapier3d_f64::dynamics::{IntegrationParameters, SpringCoefficients};
+use rapier3d_f64::parry::query;
+use rapier3d_f64::pipeline::PhysicsPipeline;
+
+use elo_core::simulator::{SimulatorError, check_length};
+
+use super::builder::World;
+use super::skeleton::Skeleton;
+use super::{coordinates, motors};
+use crate::locomotion::body::{ArticulatedBody, Dynamics, Pose as BodyPose, Reading};
+use crate::locomotion::model::RobotModel;
+
+/// How the engine divides a control step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Division {
+    /// Simulated seconds between two actions.
+    pub control_step: f64,
+    /// Engine steps in it: contacts are found and torques turned to their axes once in each.
+    pub steps: usize,
+    /// Parts of an engine step, in each of which the equations of motion are set up and solved anew.
+    pub substeps: usize,
+}
+
+/// A gap below which a geom counts as touching the floor, m.
+const TOUCH: f64 = 1e-3;
+
+/// Coordinates beyond this mean that the simulation has failed (MuJoCo's bound).
+const BEYOND: f64 = 1e10;
+
+/// A robot in Rapier.
+pub struct RapierBody {
+    skeleton: Skeleton,
+    torso: usize,
+    parameters: IntegrationParameters,
+    steps: usize,
+    dynamics: Dynamics,
+    pristine: World,
+    world: World,
+    pipeline: PhysicsPipeline,
+}
+
+impl RapierBody {
+    /// Loads a robot, with the dynamics of its file.
+    ///
+    /// # Errors
+    /// The first element of the file that this engine cannot represent, by name; a division without steps.
+    pub fn new(model: &RobotModel, division: Division) -> Result<Self, String> {
+        if division.steps == 0 || division.substeps == 0 {
+            return Err("a control step needs at least one engine step of one part".to_owned());
+        }
+        let skeleton = Skeleton::of(&model.mjcf)?;
+        let (torso, dynamics) = (model.torso, model.dynamics);
+        let parameters = IntegrationParameters {
+            dt: division.control_step / division.steps as f64,
+            num_solver_iterations: division.substeps,
+            max_ccd_substeps: 0,
+            ..IntegrationParameters::default()
+        };
+        let pristine = World::build(&skeleton, &dynamics, torso, limit_softness());
+        let mut this = Self {
+            world: pristine.clone(),
+            pipeline: PhysicsPipeline::new(),
+            steps: division.steps,
+            skeleton,
+            torso,
+            parameters,
+            dynamics,
+            pristine,
+        };
+        this.settle_pristine();
+        Ok(this)
+    }
+
+    /// Lets the engine enter the new bodies into its tables once, so that copies need not do it again.
+    fn settle_pristine(&mut self) {
+        let still = IntegrationParameters { dt: 0.0, ..self.parameters };
+        step(&mut PhysicsPipeline::new(), &mut self.pristine, DVec3::ZERO, &still);
+    }
+
+    /// Lengths of MuJoCo's `qpos` and `qvel` for this robot.
+    pub fn coordinate_counts(&self) -> (usize, usize) {
+        (self.skeleton.sizes.positions, self.skeleton.sizes.velocities)
+    }
+
+    /// Pose of a body's frame.
+    fn pose(&self, body: usize) -> Pose {
+        let place = &self.skeleton.places[body];
+        place.link.map_or(place.pose, |link| *self.world.pose(link) * place.pose)
+    }
+
+    fn check(&self) -> Result<(), SimulatorError> {
+        let quarantine = self.pipeline.quarantine();
+        let fine = |x: &f64| x.abs() < BEYOND;
+        let multibody = self.world.multibody();
+        let velocities_fine = multibody.generalized_velocity().iter().all(fine);
+        let poses_fine = self.world.links.iter().all(|handle| {
+            let position = self.world.bodies[handle.body].position();
+            position.translation.to_array().iter().all(fine) && position.rotation.is_finite()
+        });
+        if quarantine.is_empty() && velocities_fine && poses_fine {
+            Ok(())
+        } else {
+            Err(SimulatorError::Unstable("Rapier's coordinates are no longer finite numbers".to_owned()))
+        }
+    }
+
+    fn touches_floor(&self, body: usize) -> bool {
+        let Some(link) = self.skeleton.places[body].link else { return false };
+        let at = *self.world.pose(link);
+        let shapes = self.skeleton.links[link].shapes.iter().filter(|s| s.body == Some(body));
+        shapes.into_iter().any(|shape| {
+            let own = shape.form.to_engine();
+            self.skeleton.obstacles.iter().filter(|obstacle| obstacle.meets(shape)).any(|obstacle| {
+                let other = obstacle.form.to_engine();
+                query::distance(&obstacle.pose, &*other, &(at * shape.pose), &*own)
+                    .is_ok_and(|gap| gap.distance <= TOUCH)
+            })
+        })
+    }
+}
+
+impl ArticulatedBody for RapierBody {
+    fn set_dynamics(&mut self, dynamics: &Dynamics) -> Result<(), SimulatorError> {
+        let heavy_enough = |payload: f64| payload.is_finite() && payload >= 0.0;
+        if !heavy_enough(dynamics.payload) || !heavy_enough(dynamics.floor_friction) {
+            return Err(SimulatorError::Task(format!(
+                "friction {} and payload {} must be finite and not negative",
+                dynamics.floor_friction, dynamics.payload
+            )));
+        }
+        if *dynamics != self.dynamics {
+            self.pristine = World::build(&self.skeleton, dynamics, self.torso, limit_softness());
+            self.settle_pristine();
+            self.dynamics = *dynamics;
+        }
+        Ok(())
+    }
+
+    fn restore(&mut self, positions: &[f64], velocities: &[f64]) -> Result<(), SimulatorError> {
+        check_length("positions", positions.len(), self.skeleton.sizes.positions)?;
+        check_length("velocities", velocities.len(), self.skeleton.sizes.velocities)?;
+        if let Some(bad) = positions.iter().chain(velocities).find(|x| !x.is_finite()) {
+            return Err(SimulatorError::Start(format!("a coordinate is {bad}")));
+        }
+        self.world.restore(&self.pristine);
+        self.pipeline = PhysicsPipeline::new();
+        coordinates::write(&mut self.world, &self.skeleton, positions, velocities);
+        Ok(())
+    }
+
+    fn advance(&mut self, torques: &[f64]) -> Result<(), SimulatorError> {
+        check_length("torques", torques.len(), self.skeleton.motors.len())?;
+        for _ in 0..self.steps {
+            motors::apply(&mut self.world, &self.skeleton, torques);
+            step(&mut self.pipeline, &mut self.world, self.skeleton.gravity, &self.parameters);
+        }
+        self.check()
+    }
+
+    fn read(&self, reading: &mut Reading) {
+        for body in 0..self.skeleton.places.len() {
+            let pose = self.pose(body);
+            let q = pose.rotation.normalize();
+            reading.bodies[body] =
+                BodyPose { position: pose.translation.to_array(), rotation: [q.w, q.x, q.y, q.z] };
+            reading.on_floor[body] = self.touches_floor(body);
+        }
+        let place = &self.skeleton.places[self.torso];
+        reading.torso_velocity = place.link.map_or([0.0; 3], |link| {
+            self.world.point_velocity(link, self.pose(self.torso) * place.centre).to_array()
+        });
+        for (index, motor) in self.skeleton.motors.iter().enumerate() {
+            let (position, velocity) = coordinates::of_joint(&self.world, &self.skeleton, motor);
+            reading.joint_positions[index] = position;
+            reading.joint_velocities[index] = velocity;
+        }
+    }
+
+    fn coordinates(&self, positions: &mut [f64], velocities: &mut [f64]) {
+        coordinates::read(&self.world, &self.skeleton, positions, velocities);
+    }
+}
+
+/// Joint limits are absorbing stops, as in the robots' files for MuJoCo and in Roboschool: a joint that moves outwards
+/// stops, and one that starts outside stays there until something pushes it in, but for a return at half its excess per
+/// second. (The engine's own default returns within one part of a step, with hundreds of rad/s; and a soft spring would
+/// depend on the length of the step, because the engine forgets the velocity with which it corrects positions.)
+fn limit_softness() -> SpringCoefficients<f64> {
+    // Rate of return ω / (2 ζ) = 0.5/s; a compliance of 1/(2 ζ² · rate · step), about 1e-4, is as good as none.
+    let (angular_frequency, damping_ratio) = (1000.0, 1000.0);
+    SpringCoefficients::new(angular_frequency / std::f64::consts::TAU, damping_ratio)
+}
+
+fn step(
+    pipeline: &mut PhysicsPipeline,
+    world: &mut World,
+    gravity: DVec3,
+    parameters: &IntegrationParameters,
+) {
+    pipeline.step(
+        gravity,
+        parameters,
+        &mut world.islands,
+        &mut world.broad_phase,
+        &mut world.narrow_phase,
+        &mut world.bodies,
+        &mut world.colliders,
+        &mut world.impulse_joints,
+        &mut world.multibody_joints,
+        &mut world.soft_bodies,
+        &mut world.ccd_solver,
+        &(),
+        &(),
+    );
+}

@@ -1,0 +1,15 @@
+//! Robots in Rapier.
+
+mod builder;
+mod config;
+mod coordinates;
+mod engine;
+mod inertia;
+mod motors;
+mod segment;
+mod shape;
+mod skeleton;
+mod unsupported;
+
+pub use config::RapierConfig;
+pub use engine::{Division, RapierBody};

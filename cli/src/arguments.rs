@@ -1,0 +1,124 @@
+//! The command line.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done
+  1    the run failed; what was done is kept, and the same command takes it up again
+  2    bad input: arguments, config or option set; nothing was started
+  3    the run directory is in use by another process
+  129, 130, 143    stopped by a closed terminal, by Ctrl-C, by a request to terminate; the same command takes it up again";
+
+/// Finds early-life options: short motor behaviours that a robot can run at random from its first second and still do
+/// well over a whole family of tasks (Weber et al. 2019).
+#[derive(Debug, Parser)]
+#[command(name = "elo", version, after_help = EXIT_CODES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run a config from teachers to selected option sets, or take up an interrupted run.
+    Discover(Discover),
+    /// Measure a finished option set on fresh contexts, on any simulator of its robot.
+    Evaluate(Evaluate),
+    /// List everything that a config can choose by its kind.
+    Plugins,
+    /// Print a commented config: of one kind, or of a whole experiment with the kind `experiment`.
+    Example {
+        /// A kind that `elo plugins` lists, or `experiment`.
+        kind: String,
+    },
+    /// Check a config, show it resolved, or print the JSON Schema.
+    Config {
+        #[command(subcommand)]
+        action: ConfigAction,
+    },
+    /// Tell which engines were found, and what to run for those that are missing.
+    Doctor,
+}
+
+/// Arguments of `elo discover`.
+#[derive(Debug, Args)]
+pub struct Discover {
+    /// The experiment, a TOML file.
+    pub config: PathBuf,
+    /// Run directory [default: runs/ and the config's name]. Work that is already there is not done again.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Change a field, e.g. --set simulator.kind=mujoco; may be repeated.
+    #[arg(long = "set", value_name = "FIELD=VALUE")]
+    pub overrides: Vec<String>,
+    /// Units of work under way at once [default: one a processor]. Results do not depend on it.
+    #[arg(long)]
+    pub workers: Option<usize>,
+    /// Print what the run would take (simulator steps, disk, time) and stop.
+    #[arg(long)]
+    pub plan: bool,
+    /// Print the report as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `elo evaluate`.
+#[derive(Debug, Args)]
+pub struct Evaluate {
+    /// The folder of an option set, e.g. runs/half-cheetah-quick/results/option_sets/maximum_mean.
+    pub option_set: PathBuf,
+    /// Change a field of the experiment that made it, e.g. --set simulator.kind=mujoco or --set report.contexts=1000;
+    /// may be repeated.
+    #[arg(long = "set", value_name = "FIELD=VALUE")]
+    pub overrides: Vec<String>,
+    /// Root seed of the contexts [default: one more than that of the run that made the set].
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Run directory to keep the rollouts in [default: a temporary one].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Units of work under way at once [default: one a processor].
+    #[arg(long)]
+    pub workers: Option<usize>,
+    /// Print the figures as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What to do with a config.
+#[derive(Debug, Subcommand)]
+pub enum ConfigAction {
+    /// Find every fault of a config.
+    Check(ConfigFile),
+    /// Print a config with every default written out.
+    Show(ConfigFile),
+    /// Print the JSON Schema of configs with all plugins, for editors.
+    Schema,
+}
+
+/// A config and changes to it.
+#[derive(Debug, Args)]
+pub struct ConfigFile {
+    /// The experiment, a TOML file.
+    pub config: PathBuf,
+    /// Change a field; may be repeated.
+    #[arg(long = "set", value_name = "FIELD=VALUE")]
+    pub overrides: Vec<String>,
+}
+
+/// Reads the arguments, or tells how the process is to end.
+pub fn parse() -> Result<Command, ExitCode> {
+    match Cli::try_parse() {
+        Ok(cli) => Ok(cli.command),
+        Err(error) => {
+            // Help asked for goes to stdout and is no error; a closed pipe there is nobody's fault.
+            let _ = error.print();
+            Err(ExitCode::from(if error.use_stderr() { 2 } else { 0 }))
+        }
+    }
+}

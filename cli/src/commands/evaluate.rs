@@ -1,0 +1,60 @@
+//! `elo evaluate`: an option set on fresh contexts, on any simulator of its robot.
+
+use std::path::Path;
+
+use elo_core::crew::{Crew, Staff};
+use elo_core::discover::Run;
+use elo_core::evaluate::evaluate;
+use elo_core::experiment::Experiment;
+use elo_core::fingerprint::fingerprint;
+use elo_core::option_set::OptionSet;
+use elo_core::plugin::Plugin;
+use elo_core::run_dir::RunDir;
+
+use crate::arguments::Evaluate;
+use crate::commands::discover::{ready_to_run, workers};
+use crate::exit::Exit;
+use crate::hosts::Beside;
+use crate::output::print;
+use crate::progress::Progress;
+use crate::worker::formats;
+use crate::{interrupt, load, table};
+
+/// Measures the set and prints its figures.
+pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
+    let set = OptionSet::read(&arguments.option_set).map_err(|error| Exit::BadInput(error.to_string()))?;
+    let experiment = experiment(&set, arguments, plugins)?;
+    let formats = formats(plugins);
+    let spec = experiment.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
+    set.policies(&spec, &formats).map_err(|error| {
+        Exit::BadInput(format!("{}: {error}", arguments.option_set.join("manifest.json").display()))
+    })?;
+    ready_to_run(&experiment)?;
+
+    let temporary = tempfile::tempdir().map_err(|error| Exit::Failed(format!("no temporary folder: {error}")))?;
+    let folder = arguments.out.as_deref().unwrap_or(temporary.path());
+    let run_dir = RunDir::open(folder)?;
+    let stop = interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
+    let progress = Progress::new();
+    let staff = Staff { workers: workers(arguments.workers)?, formats, program: fingerprint() };
+    let crew = Crew::new(staff, &run_dir, &Beside, &progress, &stop);
+    let evaluation = evaluate(&Run::new(&experiment, &crew)?, &set)?;
+    if arguments.json {
+        let text = serde_json::to_string_pretty(&evaluation).expect("figures are plain data");
+        print(&format!("{text}\n"))
+    } else {
+        print(&table::evaluation(&evaluation))
+    }
+}
+
+/// The experiment that made the set, with another seed and the user's changes.
+fn experiment(set: &OptionSet, arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
+    let manifest = arguments.option_set.join("manifest.json");
+    let unreadable = |error: String| Exit::BadInput(format!("{}: its experiment: {error}", manifest.display()));
+    let text = toml::to_string(&set.manifest.experiment).map_err(|error| unreadable(error.to_string()))?;
+    let made_with = set.manifest.experiment.get("seed").and_then(serde_json::Value::as_u64).unwrap_or(0);
+    let mut overrides = vec![format!("seed={}", arguments.seed.unwrap_or(made_with.wrapping_add(1)))];
+    overrides.push(format!("discover.steps={}", set.manifest.horizon.steps));
+    overrides.extend(arguments.overrides.iter().cloned());
+    load::from_text(&text, (&manifest, Path::new(".")), &overrides, plugins)
+}

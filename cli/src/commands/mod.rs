@@ -1,0 +1,9 @@
+//! One file a command.
+
+pub mod config;
+pub mod discover;
+pub mod doctor;
+pub mod evaluate;
+pub mod example;
+pub mod plan;
+pub mod plugins;

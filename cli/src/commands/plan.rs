@@ -1,0 +1,93 @@
+//! `elo discover --plan`: what a run would take.
+
+use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+use elo_core::agent::RandomTorque;
+use elo_core::context::{Context, PreparedStart};
+use elo_core::experiment::Experiment;
+use elo_core::plugin::Plugin;
+use elo_core::rollout::{Horizon, rollout};
+use elo_core::seed::Seed;
+use elo_core::task::Task;
+
+use crate::exit::Exit;
+use crate::progress::duration;
+
+/// Simulator steps, disk and time of `experiment`, in words.
+pub fn plan(experiment: &Experiment, workers: usize, plugins: &[&[Plugin]]) -> Result<String, Exit> {
+    let spec = experiment.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
+    let sizes = &experiment.discover;
+    let prefix = u64::from(experiment.initial_states.max_random_steps) / 2;
+    let (n, z, t) = (sizes.candidates as u64, sizes.contexts as u64, sizes.steps as u64);
+    let metrics = experiment.metrics.len() as u64;
+    let measured = (metrics + experiment.report.random_subsets as u64) * sizes.set_size as u64;
+    let report_rows = measured.min(n) + 3 + sizes.teachers as u64;
+    let report_contexts = experiment.report.contexts as u64;
+    let selection_rollouts = experiment.selector.rollouts(n, z);
+    let stages = [
+        ("teachers", sizes.teachers as u64 * experiment.teacher.simulator_steps()),
+        ("recordings", n * (prefix + t)),
+        ("contexts", (z + report_contexts) * prefix),
+        ("selection rollouts", selection_rollouts * t),
+        ("report rollouts", report_rows * report_contexts * t),
+    ];
+    let rollouts = selection_rollouts + report_rows * report_contexts;
+    let terms = spec.reward_terms.len() as u64;
+    let recorded = n * t * (spec.observation_size + spec.action_size()) as u64 * 4;
+    let tables = rollouts * (8 * terms + 9) * 2;
+    let teachers = sizes.teachers as u64 * (8 << 20);
+
+    let mut text = format!("{}, {} workers\n", spec.robot, workers);
+    let step = seconds_per_step(experiment, plugins);
+    for (stage, steps) in stages {
+        let _ = write!(text, "{stage:<20} {:>16} simulator steps at most", grouped(steps));
+        match step {
+            Some(step) => {
+                let _ = writeln!(text, ", {:>8}", duration(Duration::from_secs_f64(steps as f64 * step / workers as f64)));
+            }
+            None => text.push('\n'),
+        }
+    }
+    let total: u64 = stages.iter().map(|(_, steps)| steps).sum();
+    let _ = writeln!(text, "{:<20} {:>16} simulator steps", "all", grouped(total));
+    let _ = writeln!(text, "{:<20} {:>16} MiB at most", "disk", grouped((recorded + tables + teachers) >> 20));
+    let _ = writeln!(text, "{:<20} {:>16} MiB at most", "memory", grouped((rollouts * 120 + teachers) >> 20));
+    match step {
+        Some(step) => {
+            let time = Duration::from_secs_f64(total as f64 * step / workers as f64);
+            let _ = writeln!(text, "{:<20} {:>16}", "time", format!("about {}", duration(time)));
+            text.push_str(
+                "The time is that of the simulator, measured just now with random actions; the teachers' own learning and\n\
+                 starts that fall and are drawn again come on top.\n",
+            );
+        }
+        None => text.push_str("The engine does not run inside this program, so no time was measured.\n"),
+    }
+    Ok(text)
+}
+
+/// Simulated seconds of one control step, from about a third of a second of random actions.
+fn seconds_per_step(experiment: &Experiment, _: &[&[Plugin]]) -> Option<f64> {
+    if experiment.simulator.worker().is_some() {
+        return None;
+    }
+    let mut simulator = experiment.simulator.build().ok()?;
+    let mut agent = RandomTorque::new(simulator.spec());
+    let horizon = Horizon { steps: 200, discount: 1.0, stop_at_fall: true };
+    let (begun, mut steps, mut episode) = (Instant::now(), 0u64, 0u64);
+    while begun.elapsed() < Duration::from_millis(300) {
+        let seed = Seed::root(0).index(episode);
+        let context = Context { task: Task::default(), start: PreparedStart::standard(episode) };
+        steps += u64::from(rollout(simulator.as_mut(), &mut agent, &context, &horizon, &mut seed.stream()).length);
+        episode += 1;
+    }
+    (steps > 0).then(|| begun.elapsed().as_secs_f64() / steps as f64)
+}
+
+/// A number with its thousands apart.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let groups: Vec<&str> = digits.as_bytes().rchunks(3).rev().filter_map(|g| std::str::from_utf8(g).ok()).collect();
+    groups.join(" ")
+}

@@ -1,0 +1,54 @@
+//! Reading an experiment: file, overrides, files that it refers to, and every fault at once.
+
+use std::path::Path;
+
+use elo_core::config;
+use elo_core::experiment::Experiment;
+use elo_core::fault::Faults;
+use elo_core::plugin::Plugin;
+
+use crate::exit::Exit;
+use crate::output::print_error;
+
+/// The greatest config file that is read: 16 MiB.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// Reads and checks the experiment in `path`.
+pub fn experiment(path: &Path, overrides: &[String], plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
+    let text = read_text(path)?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    from_text(&text, (path, folder), overrides, plugins)
+}
+
+/// Checks the experiment in `text`, which messages call `name`; files that it refers to are looked for in `folder`.
+pub fn from_text(
+    text: &str,
+    (name, folder): (&Path, &Path),
+    overrides: &[String],
+    plugins: &[&[Plugin]],
+) -> Result<Experiment, Exit> {
+    let bad = |error: config::ConfigError| Exit::BadInput(error.to_string());
+    let mut reading = config::read::<Experiment>(text, name, overrides, plugins).map_err(bad)?;
+    for notice in &reading.notices {
+        print_error(notice);
+    }
+    let mut faults = Faults::new();
+    faults.within("simulator", |faults| reading.config.simulator.embed_files(folder, faults));
+    if faults.found().is_empty() {
+        reading.config.validate(&mut faults);
+    }
+    if faults.found().is_empty() { Ok(reading.config) } else { Err(bad(reading.places.error(faults.into_found()))) }
+}
+
+fn read_text(path: &Path) -> Result<String, Exit> {
+    let cannot = |why: String| Exit::BadInput(format!("cannot read the config {}: {why}", path.display()));
+    let metadata = std::fs::metadata(path).map_err(|error| cannot(error.to_string()))?;
+    if !metadata.is_file() {
+        return Err(cannot("it is not a regular file".to_owned()));
+    }
+    if metadata.len() > MAX_BYTES {
+        return Err(cannot(format!("it has {} bytes, more than {MAX_BYTES}", metadata.len())));
+    }
+    let bytes = std::fs::read(path).map_err(|error| cannot(error.to_string()))?;
+    String::from_utf8(bytes).map_err(|_| cannot("it is not UTF-8 text".to_owned()))
+}

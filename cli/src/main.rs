@@ -1,0 +1,7 @@
+//! `elo`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    elo_cli::main_with(&[elo_core::plugin::PLUGINS, elo_backends::PLUGINS, elo_learners::PLUGINS])
+}

@@ -1,0 +1,106 @@
+//! Reports as tables on a terminal.
+
+use std::fmt::Write as _;
+
+use elo_core::evaluate::Evaluation;
+use elo_core::figures::{Comparison, Row};
+use elo_core::report::Report;
+use elo_core::statistics::bootstrap::Interval;
+
+/// The table that `elo discover` ends with.
+pub fn report(report: &Report, confidence: f64) -> String {
+    let mut text = String::new();
+    let (robot, engine) = (&report.robot, &report.engine);
+    let _ = writeln!(text, "\n{robot} in {} {}, seed {}", engine.name, engine.version, report.seed);
+    let _ = writeln!(
+        text,
+        "{} teachers (mean return while recorded {:.1}), {} candidate options, {} held-out contexts",
+        report.teachers.len(),
+        report.candidates.teacher_return,
+        report.candidates.usable,
+        report.starts.contexts
+    );
+    let _ = writeln!(
+        text,
+        "Every figure below is from held-out contexts, with its {:.0} % interval over contexts. mean, IQM and score are of\n\
+         returns normalised by ({:+.2}, then / {:.2}); tails are Pr(V < μ* − α σ*) and Pr(V > μ*), μ* = {:.3}, σ* = {:.3}.",
+        confidence * 100.0,
+        -report.scale.offset,
+        report.scale.scale,
+        report.reference.mean,
+        report.reference.standard_deviation
+    );
+    for set in &report.sets {
+        let _ = writeln!(text, "\n{}: score {} (on the selecting contexts {:.3})", set.metric, interval(&set.score, 3), set.selection_score);
+        heading(&mut text);
+        line(&mut text, "the set", &set.row);
+        for option in &set.options {
+            line(&mut text, &format!("  {} (teacher {})", option.row.name, option.teacher), &option.row);
+        }
+        comparisons(&mut text, &set.against);
+    }
+    let _ = writeln!(text, "\nin the same contexts");
+    heading(&mut text);
+    for row in &report.baselines {
+        line(&mut text, &row.name, row);
+    }
+    for warning in &report.warnings {
+        let _ = writeln!(text, "warning: {warning}");
+    }
+    text
+}
+
+/// The table that `elo evaluate` ends with.
+pub fn evaluation(evaluation: &Evaluation) -> String {
+    let mut text = String::new();
+    let Evaluation { metric, robot, engine, seed, contexts, .. } = evaluation;
+    let (name, version) = (&engine.name, &engine.version);
+    let _ = writeln!(text, "\n{metric} set of {robot} in {name} {version}: {contexts} fresh contexts, seed {seed}");
+    heading(&mut text);
+    line(&mut text, "the set", &evaluation.set);
+    for row in &evaluation.options {
+        line(&mut text, &format!("  {}", row.name), row);
+    }
+    for row in &evaluation.baselines {
+        line(&mut text, &row.name, row);
+    }
+    comparisons(&mut text, &evaluation.against);
+    text
+}
+
+fn heading(text: &mut String) {
+    let _ = writeln!(
+        text,
+        "{:<34} {:>24} {:>22} {:>22} {:>20} {:>20} {:>6} {:>6}",
+        "", "return", "mean", "IQM", "lower tail", "upper tail", "falls", "steps"
+    );
+}
+
+fn line(text: &mut String, name: &str, row: &Row) {
+    let _ = writeln!(
+        text,
+        "{name:<34} {:>24} {:>22} {:>22} {:>20} {:>20} {:>4.0} % {:>6.0}",
+        interval(&row.mean_return, 1),
+        interval(&row.mean, 3),
+        interval(&row.iqm, 3),
+        interval(&row.lower_tail, 2),
+        interval(&row.upper_tail, 2),
+        row.falls.estimate * 100.0,
+        row.mean_length
+    );
+    if row.failures > 0.0 {
+        let _ = writeln!(text, "{:<34} {:.1} % of these rollouts failed", "", row.failures * 100.0);
+    }
+}
+
+fn comparisons(text: &mut String, against: &[Comparison]) {
+    for comparison in against {
+        let name = format!("set less {}", comparison.baseline);
+        let _ = writeln!(text, "{name:<34} {:>24}", interval(&comparison.difference, 1));
+    }
+}
+
+fn interval(interval: &Interval, digits: usize) -> String {
+    let Interval { estimate, low, high } = interval;
+    format!("{estimate:.digits$} [{low:.digits$}, {high:.digits$}]")
+}

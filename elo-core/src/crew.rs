@@ -1,0 +1,360 @@
+//! Who does the units of work: threads for engines that are safe inside this process, worker processes for the others.
+//!
+//! Results go through the run directory, so what is there already is never done again, and nothing about who did a unit
+//! when, or how often it had to be tried, can change a byte.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use crate::key::{Key, Stage};
+use crate::policy::{Monitor, PolicyFormat, Stopped};
+use crate::run_dir::{RunDir, RunDirError};
+use crate::seed::Seed;
+use crate::simulator::SimulatorConfig;
+use crate::units::codec::Malformed;
+use crate::units::{Site, Work, WorkError};
+use crate::worker::{WorkerFault, WorkerProcess};
+
+/// One unit: what is to be done, and the units whose results it needs.
+#[derive(Debug)]
+pub struct Unit {
+    /// The description.
+    pub work: Work,
+    /// Keys of its inputs, which must have been completed before.
+    pub inputs: Vec<Key>,
+}
+
+/// Starts worker programs.
+pub trait Hosts: Sync {
+    /// Starts the program called `program` and shakes hands.
+    ///
+    /// # Errors
+    /// Why it does not run, in words that say what to do.
+    fn start(&self, program: &str) -> Result<WorkerProcess, WorkerFault>;
+}
+
+/// Hears how far the work is. Called from several threads.
+pub trait Watcher: Sync {
+    /// A stage of `units` units begins; `ready` of them were done before.
+    fn begin(&self, stage: &str, units: usize, ready: usize);
+    /// `done` units of the stage are done, those under way counted by their fractions.
+    fn advance(&self, stage: &str, done: f64);
+    /// The stage is over.
+    fn end(&self, stage: &str);
+    /// Something that a person should know.
+    fn notice(&self, message: &str);
+}
+
+/// A [`Watcher`] that hears nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unwatched;
+
+impl Watcher for Unwatched {
+    fn begin(&self, _: &str, _: usize, _: usize) {}
+    fn advance(&self, _: &str, _: f64) {}
+    fn end(&self, _: &str) {}
+    fn notice(&self, _: &str) {}
+}
+
+/// Why a run stopped before its end.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A signal or the caller asked for it; the run can be taken up again.
+    #[error("interrupted; the same command takes it up again")]
+    Interrupted,
+    /// The run directory cannot be read or written.
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
+    /// A unit cannot be done.
+    #[error("stage {stage}, unit {key}: {reason}")]
+    Unit {
+        /// Its stage.
+        stage: String,
+        /// Its key.
+        key: Key,
+        /// Why.
+        reason: String,
+    },
+    /// A worker program cannot be started.
+    #[error("{0}")]
+    Worker(WorkerFault),
+    /// The config cannot be run.
+    #[error("{0}")]
+    Config(String),
+    /// Candidates cannot be ranked.
+    #[error("{0}")]
+    Select(String),
+}
+
+impl From<Malformed> for RunError {
+    fn from(error: Malformed) -> Self {
+        Self::Config(error.to_string())
+    }
+}
+
+/// How many work, and with what.
+#[derive(Clone, Debug)]
+pub struct Staff {
+    /// How many units are under way at once; at least 1. Results do not depend on it.
+    pub workers: usize,
+    /// Formats of option policies that can be read.
+    pub formats: Vec<PolicyFormat>,
+    /// Name and version of this program and what else its results depend on, see [`crate::fingerprint`]; part of every
+    /// key.
+    pub program: String,
+}
+
+/// Some workers, one run directory, and what they tell whom.
+pub struct Crew<'a> {
+    /// Where results go.
+    pub run_dir: &'a RunDir,
+    /// Starts worker programs.
+    pub hosts: &'a dyn Hosts,
+    /// Hears how far it is.
+    pub watcher: &'a dyn Watcher,
+    /// Becomes true when everybody is to stop.
+    pub stop: &'a AtomicBool,
+    /// How many work, and with what.
+    pub staff: Staff,
+    /// Running worker programs that nobody uses just now.
+    idle: Mutex<Vec<(String, WorkerProcess)>>,
+}
+
+/// A unit that a worker could not be kept alive for is tried this often in all.
+const TRIES: usize = 3;
+
+impl<'a> Crew<'a> {
+    /// A crew over `run_dir` that stops when `stop` becomes true.
+    pub fn new(
+        staff: Staff,
+        run_dir: &'a RunDir,
+        hosts: &'a dyn Hosts,
+        watcher: &'a dyn Watcher,
+        stop: &'a AtomicBool,
+    ) -> Self {
+        Self { run_dir, hosts, watcher, stop, staff, idle: Mutex::default() }
+    }
+
+    /// The key of a unit.
+    pub fn key(&self, unit: &Unit) -> Key {
+        unit.work.key(&unit.inputs, &self.staff.program)
+    }
+
+    /// Does whatever of `units` is not in the run directory yet; gives their keys in order.
+    ///
+    /// # Errors
+    /// The first unit that cannot be done, or an interruption; everything done until then is kept.
+    pub fn complete(&self, stage: &str, units: &[Unit]) -> Result<Vec<Key>, RunError> {
+        let keys: Vec<Key> = units.iter().map(|unit| self.key(unit)).collect();
+        let mut missing = Vec::new();
+        for (index, key) in keys.iter().enumerate() {
+            if self.run_dir.read(key)?.is_none() {
+                missing.push(index);
+            }
+        }
+        self.tell_quarantined();
+        let ready = units.len() - missing.len();
+        self.watcher.begin(stage, units.len(), ready);
+        let shift = Shift {
+            crew: self,
+            stage,
+            next: AtomicUsize::new(0),
+            fractions: Mutex::new(vec![0.0; missing.len()]),
+            ready,
+            trouble: Mutex::new(None),
+        };
+        let todo: Vec<(&Unit, &Key)> = missing.iter().map(|index| (&units[*index], &keys[*index])).collect();
+        std::thread::scope(|scope| {
+            for _ in 0..self.staff.workers.min(todo.len()) {
+                scope.spawn(|| shift.work(&todo));
+            }
+        });
+        self.watcher.end(stage);
+        let trouble = shift.trouble.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        trouble.map_or(Ok(keys), Err)
+    }
+
+    /// The result of a completed unit.
+    ///
+    /// # Errors
+    /// The run directory's; a result that went missing since.
+    pub fn result(&self, key: &Key) -> Result<Vec<u8>, RunError> {
+        let bytes = self.run_dir.read(key)?;
+        self.tell_quarantined();
+        bytes.ok_or_else(|| RunError::Unit {
+            stage: "read".to_owned(),
+            key: *key,
+            reason: "its result is gone; run again to compute it anew".to_owned(),
+        })
+    }
+
+    /// Puts bytes that no unit made where units find them, under the hash of the bytes.
+    ///
+    /// # Errors
+    /// The run directory's.
+    pub fn import(&self, bytes: &[u8]) -> Result<Key, RunError> {
+        let hash = blake3::hash(bytes).to_hex().to_string();
+        let stage = Stage { name: "import", version: 1 };
+        let key = Key::of(&stage, &hash, &[], &Seed::root(0), &self.staff.program);
+        self.run_dir.commit(&key, bytes)?;
+        Ok(key)
+    }
+
+    fn tell_quarantined(&self) {
+        for damaged in self.run_dir.take_quarantined() {
+            self.watcher.notice(&damaged.to_string());
+        }
+    }
+
+    fn take_worker(&self, program: &str) -> Result<WorkerProcess, WorkerFault> {
+        let mut idle = self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        match idle.iter().position(|(name, _)| name == program) {
+            Some(index) => Ok(idle.swap_remove(index).1),
+            None => {
+                drop(idle);
+                self.hosts.start(program)
+            }
+        }
+    }
+
+    fn return_worker(&self, program: &str, worker: WorkerProcess) {
+        self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((program.to_owned(), worker));
+    }
+}
+
+/// One call of [`Crew::complete`].
+struct Shift<'a> {
+    crew: &'a Crew<'a>,
+    stage: &'a str,
+    next: AtomicUsize,
+    fractions: Mutex<Vec<f64>>,
+    ready: usize,
+    trouble: Mutex<Option<RunError>>,
+}
+
+impl Shift<'_> {
+    fn work(&self, todo: &[(&Unit, &Key)]) {
+        let mut site = Site::new(self.crew.staff.formats.clone());
+        loop {
+            let index = self.next.fetch_add(1, Ordering::Relaxed);
+            let Some((unit, key)) = todo.get(index) else { return };
+            if let Err(error) = self.do_one(index, unit, key, &mut site) {
+                self.next.store(todo.len(), Ordering::Relaxed);
+                let mut trouble = self.trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                // An interruption makes every other worker fail too: keep the cause.
+                if !matches!(*trouble, Some(ref kept) if !matches!(kept, RunError::Interrupted)) {
+                    *trouble = Some(error);
+                }
+                return;
+            }
+        }
+    }
+
+    fn do_one(&self, index: usize, unit: &Unit, key: &Key, site: &mut Site) -> Result<(), RunError> {
+        let inputs = unit.inputs.iter().map(|key| self.crew.result(key)).collect::<Result<Vec<_>, _>>()?;
+        let mut monitor = UnitMonitor { shift: self, index, key, trouble: None };
+        let worker = unit.work.simulator().and_then(SimulatorConfig::worker);
+        let done = match worker {
+            None => unit.work.perform(&inputs, site, &mut monitor),
+            Some(program) => self.send(program, unit, &inputs, &mut monitor),
+        };
+        if let Some(trouble) = monitor.trouble {
+            return Err(trouble);
+        }
+        match done {
+            Ok(bytes) => self.crew.run_dir.commit(key, &bytes)?,
+            Err(WorkError::Stopped(_)) => return Err(RunError::Interrupted),
+            Err(error) => return Err(self.failed(key, error.to_string())),
+        }
+        self.tell(index, 1.0);
+        Ok(())
+    }
+
+    /// Has a worker process do the unit. A worker that dies is replaced and the unit tried again with the same seeds.
+    fn send(
+        &self,
+        program: &str,
+        unit: &Unit,
+        inputs: &[Vec<u8>],
+        monitor: &mut UnitMonitor<'_>,
+    ) -> Result<Vec<u8>, WorkError> {
+        let job = serde_json::to_vec(&unit.work).expect("descriptions are plain data");
+        let mut deaths = Vec::new();
+        while deaths.len() < TRIES {
+            let mut worker = match self.crew.take_worker(program) {
+                Ok(worker) => worker,
+                Err(fault) => {
+                    monitor.trouble = Some(RunError::Worker(fault));
+                    return Err(WorkError::Stopped(Stopped));
+                }
+            };
+            match worker.run(&job, inputs, monitor) {
+                Ok(bytes) => {
+                    self.crew.return_worker(program, worker);
+                    return Ok(bytes);
+                }
+                Err(WorkerFault::Stopped(stopped)) => return Err(stopped.into()),
+                Err(fault) if fault.leaves_worker_usable() => {
+                    self.crew.return_worker(program, worker);
+                    return Err(WorkError::Failed(fault.to_string()));
+                }
+                Err(fault) => {
+                    self.crew.watcher.notice(&format!("{program}, unit {}: {fault}", monitor.key));
+                    deaths.push(fault.to_string());
+                }
+            }
+        }
+        let last = deaths.pop().unwrap_or_default();
+        unit.work.outcome_of_lost_worker(inputs, &format!("{program} was lost {TRIES} times: {last}"))
+    }
+
+    fn failed(&self, key: &Key, reason: String) -> RunError {
+        RunError::Unit { stage: self.stage.to_owned(), key: *key, reason }
+    }
+
+    fn tell(&self, index: usize, fraction: f64) {
+        let mut fractions = self.fractions.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        fractions[index] = fraction;
+        let done = self.ready as f64 + fractions.iter().sum::<f64>();
+        drop(fractions);
+        self.crew.watcher.advance(self.stage, done);
+    }
+}
+
+/// What a unit under way sees of its shift.
+struct UnitMonitor<'a> {
+    shift: &'a Shift<'a>,
+    index: usize,
+    key: &'a Key,
+    trouble: Option<RunError>,
+}
+
+impl Monitor for UnitMonitor<'_> {
+    fn resume(&mut self) -> Option<Vec<u8>> {
+        match self.shift.crew.run_dir.read_checkpoint(self.key) {
+            Ok(bytes) => bytes,
+            Err(error) => {
+                self.trouble = Some(error.into());
+                None
+            }
+        }
+    }
+
+    fn checkpoint(&mut self, bytes: &[u8]) -> Result<(), Stopped> {
+        match self.shift.crew.run_dir.write_checkpoint(self.key, bytes) {
+            Ok(()) => Ok(()),
+            Err(error) => {
+                self.trouble = Some(error.into());
+                Err(Stopped)
+            }
+        }
+    }
+
+    fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped> {
+        if self.trouble.is_some() || self.shift.crew.stop.load(Ordering::Relaxed) {
+            return Err(Stopped);
+        }
+        self.shift.tell(self.index, done as f64 / total.max(1) as f64);
+        Ok(())
+    }
+}

@@ -1,0 +1,509 @@
+//! Algorithm 1, *Construction of Early-Life Option Sets* (Weber et al. 2019, §4.4), from top to bottom.
+//!
+//! [`discover`] is the algorithm; each of its lines is a stage whose units are described in [`crate::units`].
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use crate::context::Split;
+use crate::crew::{Crew, RunError, Unit};
+use crate::experiment::{EvaluationTasks, Experiment};
+use crate::key::Key;
+use crate::policy::PolicyRecord;
+use crate::returns::ReturnTable;
+use crate::rollout::{Rollout, price};
+use crate::seed::Seed;
+use crate::select::{Bench, Scoring, SelectError, Selection};
+use crate::spec::SimulatorSpec;
+use crate::task::Task;
+use crate::units::evaluate::{Behavior, Evaluate, Place, RolloutTable, Subject};
+use crate::units::learn::{self, Learn};
+use crate::units::prepare::{self, Prepare, TaskSource};
+use crate::units::record::{self, Record, Recording};
+use crate::units::train::{TeacherResult, Train};
+use crate::units::Span;
+
+/// Contexts of one unit. Candidates are measured in whole blocks of so many contexts.
+pub const CONTEXTS_PER_UNIT: usize = 50;
+
+/// Recordings, and the options learned from them, of one unit.
+pub const RECORDINGS_PER_UNIT: usize = 10;
+
+/// Candidates of one unit of rollouts.
+pub const CANDIDATES_PER_UNIT: usize = 5;
+
+/// Everything that Algorithm 1 found.
+#[derive(Debug)]
+pub struct Discovery {
+    /// What the simulator says about itself.
+    pub spec: SimulatorSpec,
+    /// `W`, with what came of each training.
+    pub teachers: Vec<Teacher>,
+    /// The candidates that have an option.
+    pub candidates: Vec<Candidate>,
+    /// Recordings that were given up, by candidate number.
+    pub given_up: Vec<usize>,
+    /// Every candidate's rollouts in the selection contexts.
+    pub rollouts: Vec<Vec<Rollout>>,
+    /// The selection contexts.
+    pub contexts: ContextSet,
+    /// The chosen sets; candidates by their position in `candidates`.
+    pub selection: Selection,
+}
+
+/// One task of `W` and its teacher.
+#[derive(Clone, Debug)]
+pub struct Teacher {
+    /// `τ`.
+    pub task: Task,
+    /// The unit that holds it.
+    pub key: Key,
+    /// Why attempts were given up.
+    pub diverged: Vec<String>,
+    /// Whether there is a teacher.
+    pub usable: bool,
+    /// Mean return of the last training episodes, if it was measured.
+    pub training_return: Option<f64>,
+}
+
+/// One candidate option.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// Its number `i` among the `N`.
+    pub number: usize,
+    /// Its teacher, by its position in [`Discovery::teachers`].
+    pub teacher: usize,
+    /// Recordings that fell and were taken again.
+    pub retakes: u32,
+    /// The teacher's return while it was recorded.
+    pub teacher_return: f64,
+    /// The unit that holds the option.
+    pub key: Key,
+    /// Which option of that unit.
+    pub item: usize,
+}
+
+/// The contexts of one split.
+#[derive(Clone, Debug)]
+pub struct ContextSet {
+    /// Which split.
+    pub split: Split,
+    /// The units that hold them, in blocks of [`CONTEXTS_PER_UNIT`].
+    pub keys: Vec<Key>,
+    /// How many.
+    pub count: usize,
+    /// What each context's task pays for the reward terms.
+    pub prices: Vec<Vec<f64>>,
+    /// Random control steps before each start.
+    pub random_steps: Vec<u32>,
+    /// How often the random policy of each start fell.
+    pub redraws: Vec<u32>,
+    /// The tasks.
+    pub tasks: Vec<Task>,
+}
+
+/// Constructs early-life option sets, doing only what the crew's run directory does not hold yet.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn discover(experiment: &Experiment, crew: &Crew<'_>) -> Result<Discovery, RunError> {
+    let run = Run::new(experiment, crew)?;
+
+    // (a) Generate candidate options.
+    //     1. Draw a small set W of tasks {τ_1, …, τ_M} from P.
+    let tasks = run.draw_tasks();
+    //     2. Compute a near-optimal policy π*_τ for each task in W.
+    let teachers = run.train_teachers(&tasks)?;
+    //     For i from 1 to N: sample a random context, execute π*_τ for T steps, record h_i …
+    let recordings = run.record_trajectories(&teachers)?;
+    //     … and define an option that reproduces the behaviour in h_i.
+    //     3. Return the set of candidate options.
+    let (candidates, given_up) = run.learn_options(&recordings)?;
+
+    // (b) Estimate the return distribution of candidate options: execute each in Z random contexts. The selector says
+    //     which candidates in which contexts; the contexts are common to all.
+    let contexts = run.prepare_contexts(Split::Select, experiment.discover.contexts, &run.selection_tasks(&teachers))?;
+    let mut bench = Measured { run: &run, candidates: &candidates, contexts: &contexts, rollouts: Vec::new() };
+
+    // (c) Select the top K candidates by each metric ψ.
+    let teacher_mean = mean(candidates.iter().map(|candidate| candidate.teacher_return));
+    let scoring = run.scoring(teacher_mean);
+    let selection = experiment.selector.select(&mut bench, &scoring).map_err(unwrap_select)?;
+
+    let rollouts = std::mem::take(&mut bench.rollouts);
+    Ok(Discovery { spec: run.spec.clone(), teachers, candidates, given_up, rollouts, contexts, selection })
+}
+
+/// What every stage of one run needs.
+pub struct Run<'a> {
+    /// The config.
+    pub experiment: &'a Experiment,
+    /// Who does the work.
+    pub crew: &'a Crew<'a>,
+    /// The simulator's description.
+    pub spec: SimulatorSpec,
+    /// The root of all streams.
+    pub seed: Seed,
+}
+
+impl<'a> Run<'a> {
+    /// A run of `experiment`.
+    ///
+    /// # Errors
+    /// A robot that cannot be described.
+    pub fn new(experiment: &'a Experiment, crew: &'a Crew<'a>) -> Result<Self, RunError> {
+        let spec = experiment.simulator.spec().map_err(|error| RunError::Config(error.to_string()))?;
+        Ok(Self { experiment, crew, spec, seed: Seed::root(experiment.seed) })
+    }
+
+    /// `W`.
+    fn draw_tasks(&self) -> Vec<Task> {
+        let seed = self.seed.child("tasks");
+        let draw = |m| self.experiment.tasks.draw(&mut seed.index(m as u64).stream());
+        (0..self.experiment.discover.teachers).map(draw).collect()
+    }
+
+    fn train_teachers(&self, tasks: &[Task]) -> Result<Vec<Teacher>, RunError> {
+        let unit = |(m, task): (usize, &Task)| Unit {
+            work: Train {
+                simulator: duplicate(&self.experiment.simulator),
+                teacher: duplicate(&self.experiment.teacher),
+                task: task.clone(),
+                initial_states: self.experiment.initial_states.clone(),
+                seed: self.seed.child("teacher").index(m as u64),
+            }
+            .into(),
+            inputs: Vec::new(),
+        };
+        let units: Vec<Unit> = tasks.iter().enumerate().map(unit).collect();
+        let keys = self.crew.complete("teachers", &units)?;
+        let mut teachers = Vec::new();
+        for (task, key) in tasks.iter().zip(keys) {
+            let result = TeacherResult::decode(&self.crew.result(&key)?)?;
+            let curve = result.trained.as_ref().map(|trained| trained.curve.as_slice()).unwrap_or_default();
+            teachers.push(Teacher {
+                task: task.clone(),
+                key,
+                diverged: result.diverged,
+                usable: result.trained.is_some(),
+                training_return: curve.iter().rev().find_map(|point| point.mean_return),
+            });
+        }
+        let usable = teachers.iter().filter(|teacher| teacher.usable).count();
+        let needed = self.experiment.discover.min_teachers.max(1);
+        if usable < needed {
+            let why: Vec<String> = teachers.iter().flat_map(|teacher| teacher.diverged.clone()).collect();
+            let why = why.join("; ");
+            return Err(RunError::Config(format!(
+                "only {usable} of {} teachers could be trained and `discover.min_teachers` asks for {needed}: {why}",
+                teachers.len()
+            )));
+        }
+        Ok(teachers)
+    }
+
+    fn record_trajectories(&self, teachers: &[Teacher]) -> Result<Vec<(Key, Vec<Recording>)>, RunError> {
+        let usable = || teachers.iter().filter(|teacher| teacher.usable);
+        let sizes = &self.experiment.discover;
+        let unit = |span: Span| Unit {
+            work: Record {
+                simulator: duplicate(&self.experiment.simulator),
+                teacher: duplicate(&self.experiment.teacher),
+                tasks: usable().map(|teacher| teacher.task.clone()).collect(),
+                initial_states: self.experiment.initial_states.clone(),
+                acts: sizes.teacher_acts,
+                horizon: sizes.horizon(),
+                max_retakes: sizes.max_retakes,
+                span,
+                seed: self.seed.child("candidate"),
+            }
+            .into(),
+            inputs: usable().map(|teacher| teacher.key).collect(),
+        };
+        let units: Vec<Unit> = Span::cut(sizes.candidates, RECORDINGS_PER_UNIT).into_iter().map(unit).collect();
+        let keys = self.crew.complete("recordings", &units)?;
+        let positions: Vec<usize> = (0..teachers.len()).filter(|m| teachers[*m].usable).collect();
+        keys.into_iter()
+            .map(|key| {
+                let mut recordings = record::decode(&self.crew.result(&key)?)?;
+                for recording in &mut recordings {
+                    recording.teacher = positions[recording.teacher];
+                }
+                Ok((key, recordings))
+            })
+            .collect()
+    }
+
+    fn learn_options(
+        &self,
+        recordings: &[(Key, Vec<Recording>)],
+    ) -> Result<(Vec<Candidate>, Vec<usize>), RunError> {
+        let spans = Span::cut(self.experiment.discover.candidates, RECORDINGS_PER_UNIT);
+        let unit = |(span, (key, _)): (&Span, &(Key, _))| Unit {
+            work: Learn {
+                learner: duplicate(&self.experiment.option_learner),
+                spec: self.spec.clone(),
+                span: *span,
+                seed: self.seed.child("option"),
+            }
+            .into(),
+            inputs: vec![*key],
+        };
+        let units: Vec<Unit> = spans.iter().zip(recordings).map(unit).collect();
+        let keys = self.crew.complete("options", &units)?;
+        let (mut candidates, mut given_up) = (Vec::new(), Vec::new());
+        for ((span, key), (_, recordings)) in spans.iter().zip(keys).zip(recordings) {
+            for (item, recording) in recordings.iter().enumerate() {
+                let number = span.first + item;
+                if recording.demonstration.is_none() {
+                    given_up.push(number);
+                    continue;
+                }
+                let Recording { teacher, retakes, teacher_return, .. } = *recording;
+                candidates.push(Candidate { number, teacher, retakes, teacher_return, key, item });
+            }
+        }
+        if candidates.is_empty() {
+            return Err(RunError::Config(format!(
+                "every recording of every teacher fell before {} steps: train longer or lower `discover.steps`",
+                self.experiment.discover.steps
+            )));
+        }
+        Ok((candidates, given_up))
+    }
+
+    fn selection_tasks(&self, teachers: &[Teacher]) -> TaskSource {
+        match self.experiment.discover.tasks {
+            EvaluationTasks::P => TaskSource::Distribution(self.experiment.tasks.clone()),
+            EvaluationTasks::W => {
+                TaskSource::Uniformly(teachers.iter().filter(|t| t.usable).map(|t| t.task.clone()).collect())
+            }
+        }
+    }
+
+    /// Reaches the starts of the first `count` contexts of a split.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn prepare_contexts(&self, split: Split, count: usize, tasks: &TaskSource) -> Result<ContextSet, RunError> {
+        let unit = |span: Span| Unit {
+            work: Prepare {
+                simulator: duplicate(&self.experiment.simulator),
+                tasks: tasks.clone(),
+                initial_states: self.experiment.initial_states.clone(),
+                span,
+                seed: split.seed(&self.seed),
+            }
+            .into(),
+            inputs: Vec::new(),
+        };
+        let units: Vec<Unit> = Span::cut(count, CONTEXTS_PER_UNIT).into_iter().map(unit).collect();
+        let keys = self.crew.complete(&format!("{} contexts", split.name()), &units)?;
+        let mut contexts = Vec::with_capacity(count);
+        for key in &keys {
+            contexts.extend(prepare::decode(&self.crew.result(key)?)?);
+        }
+        Ok(ContextSet {
+            split,
+            keys,
+            count,
+            prices: contexts.iter().map(|context| self.spec.prices(&context.task)).collect(),
+            random_steps: contexts.iter().map(|context| context.start.random_steps).collect(),
+            redraws: contexts.iter().map(|context| context.start.redraws).collect(),
+            tasks: contexts.into_iter().map(|context| context.task).collect(),
+        })
+    }
+
+    /// The return of a rollout that earns the simulator's reward floor at every step of the horizon.
+    pub fn return_floor(&self) -> f64 {
+        let sizes = &self.experiment.discover;
+        let steps: f64 = (0..sizes.steps).map(|i| sizes.discount.powi(i as i32)).sum();
+        self.spec.reward_floor * steps
+    }
+
+    fn scoring(&self, teacher_mean: f64) -> Scoring<'_> {
+        Scoring {
+            set_size: self.experiment.discover.set_size,
+            metrics: &self.experiment.metrics,
+            scaling: &self.experiment.returns,
+            failures: &self.experiment.failures,
+            return_floor: self.return_floor(),
+            teacher_mean,
+        }
+    }
+
+    /// Runs each group of subjects in some blocks of contexts; gives every subject's rollouts in order, over those
+    /// blocks. Subjects of one group share units.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn evaluate(
+        &self,
+        stage: &str,
+        groups: &[Vec<Performer>],
+        contexts: &ContextSet,
+        blocks: Range<usize>,
+    ) -> Result<Vec<Vec<Rollout>>, RunError> {
+        let seed = self.seed.child("rollout").child(contexts.split.name());
+        let unit = |group: &[Performer], block: usize| {
+            let mut inputs = vec![contexts.keys[block]];
+            let subjects = group.iter().map(|performer| performer.subject(&mut inputs)).collect();
+            let work = Evaluate {
+                simulator: duplicate(&self.experiment.simulator),
+                subjects,
+                contexts: 1,
+                horizon: self.experiment.discover.horizon(),
+                seed: seed.child("block").index(block as u64),
+            };
+            Unit { work: work.into(), inputs }
+        };
+        let units: Vec<Unit> = groups.iter().flat_map(|g| blocks.clone().map(|block| unit(g, block))).collect();
+        let keys = self.crew.complete(stage, &units)?;
+        let mut rollouts = Vec::new();
+        for (group, keys) in groups.iter().zip(keys.chunks(blocks.len().max(1))) {
+            let tables: Vec<RolloutTable> =
+                keys.iter().map(|key| Ok(RolloutTable::decode(&self.crew.result(key)?)?)).collect::<Result<_, RunError>>()?;
+            let whole = |s: usize| tables.iter().flat_map(|table| table.row(s).iter().cloned()).collect();
+            rollouts.extend((0..group.len()).map(whole));
+        }
+        Ok(rollouts)
+    }
+
+    /// The option of a candidate.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn option(&self, candidate: &Candidate) -> Result<PolicyRecord, RunError> {
+        let options = learn::decode(&self.crew.result(&candidate.key)?)?;
+        let option = options.into_iter().nth(candidate.item).flatten();
+        option.ok_or_else(|| RunError::Config(format!("candidate {} has no option", candidate.number)))
+    }
+}
+
+/// Somebody to be run in contexts: a name, and what it does with which units' results.
+#[derive(Debug)]
+pub struct Performer {
+    /// Unique in the run.
+    pub name: String,
+    /// What it does.
+    pub role: PerformerRole,
+}
+
+/// What a performer does.
+#[derive(Debug)]
+pub enum PerformerRole {
+    /// Something that needs no other unit.
+    Plain(fn() -> Behavior),
+    /// An untrained teacher.
+    Untrained(Box<dyn crate::policy::TeacherConfig>, Seed),
+    /// The teacher of a unit.
+    Teacher(Box<dyn crate::policy::TeacherConfig>, Key),
+    /// The infant agent with these options.
+    Infant(Vec<(Key, usize)>),
+}
+
+impl Performer {
+    /// A candidate by itself.
+    pub fn candidate(candidate: &Candidate) -> Self {
+        let role = PerformerRole::Infant(vec![(candidate.key, candidate.item)]);
+        Self { name: format!("option {}", candidate.number), role }
+    }
+
+    fn subject(&self, inputs: &mut Vec<Key>) -> Subject {
+        let mut place = |key: &Key| {
+            inputs.iter().position(|known| known == key).unwrap_or_else(|| {
+                inputs.push(*key);
+                inputs.len() - 1
+            })
+        };
+        let behavior = match &self.role {
+            PerformerRole::Plain(behavior) => behavior(),
+            PerformerRole::Untrained(teacher, seed) => {
+                Behavior::Untrained { teacher: duplicate(teacher), seed: seed.clone() }
+            }
+            PerformerRole::Teacher(teacher, key) => {
+                Behavior::Teacher { teacher: duplicate(teacher), input: place(key) }
+            }
+            PerformerRole::Infant(options) => {
+                let options = options.iter().map(|(key, item)| Place { input: place(key), item: *item }).collect();
+                Behavior::Infant { options, primitive_probability: 0.0 }
+            }
+        };
+        Subject { name: self.name.clone(), behavior }
+    }
+}
+
+/// The bench on which candidates meet the selection contexts.
+struct Measured<'a> {
+    run: &'a Run<'a>,
+    candidates: &'a [Candidate],
+    contexts: &'a ContextSet,
+    /// Rollouts of each candidate over the contexts that it has met.
+    rollouts: Vec<Vec<Rollout>>,
+}
+
+impl Bench for Measured<'_> {
+    fn candidates(&self) -> usize {
+        self.candidates.len()
+    }
+
+    fn contexts(&self) -> usize {
+        self.contexts.count
+    }
+
+    fn measure(&mut self, ids: &[usize], contexts: Range<usize>) -> Result<ReturnTable, SelectError> {
+        let blocks = contexts.start / CONTEXTS_PER_UNIT..contexts.end.div_ceil(CONTEXTS_PER_UNIT);
+        let skipped = contexts.start - blocks.start * CONTEXTS_PER_UNIT;
+        // Groups are cut by the candidates' numbers, so that they do not depend on who else is measured.
+        let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for id in ids {
+            groups.entry(self.candidates[*id].number / CANDIDATES_PER_UNIT).or_default().push(*id);
+        }
+        let performers: Vec<Vec<Performer>> = groups
+            .values()
+            .map(|group| group.iter().map(|id| Performer::candidate(&self.candidates[*id])).collect())
+            .collect();
+        let rollouts = self
+            .run
+            .evaluate("selection rollouts", &performers, self.contexts, blocks)
+            .map_err(|error| SelectError::Measure(Box::new(error)))?;
+        self.rollouts.resize(self.candidates.len(), Vec::new());
+        let mut rows: BTreeMap<usize, Vec<Option<f64>>> = BTreeMap::new();
+        for (id, rollouts) in groups.values().flatten().zip(rollouts) {
+            let prices = &self.contexts.prices[contexts.clone()];
+            let row = rollouts[skipped..].iter().zip(prices).map(|(rollout, prices)| value(rollout, prices)).collect();
+            rows.insert(*id, row);
+            self.rollouts[*id] = rollouts;
+        }
+        let values = ids.iter().flat_map(|id| rows[id].clone()).collect();
+        Ok(ReturnTable::new(contexts.len(), values))
+    }
+}
+
+/// The return of a rollout under a task's prices; `None` when it failed.
+pub fn value(rollout: &Rollout, prices: &[f64]) -> Option<f64> {
+    rollout.ending.is_valid().then(|| price(&rollout.term_sums, prices))
+}
+
+fn unwrap_select(error: SelectError) -> RunError {
+    match error {
+        SelectError::Measure(inner) => {
+            inner.downcast::<RunError>().map_or_else(|other| RunError::Select(other.to_string()), |inner| *inner)
+        }
+        failures @ SelectError::Failures { .. } => RunError::Select(failures.to_string()),
+    }
+}
+
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    values.sum::<f64>() / count
+}
+
+/// A second copy of a plugin's config. Configs are plain data, so writing and reading one loses nothing.
+pub(crate) fn duplicate<T>(config: &T) -> T
+where
+    T: serde::Serialize + serde::de::DeserializeOwned,
+{
+    let text = serde_json::to_string(config).expect("a config is plain data");
+    serde_json::from_str(&text).expect("a config reads back what it wrote")
+}

@@ -1,0 +1,97 @@
+//! Measuring a finished option set again: fresh contexts, any simulator of the same robot.
+
+use serde::{Deserialize, Serialize};
+
+use crate::context::Split;
+use crate::crew::RunError;
+use crate::discover::{Performer, PerformerRole, Run};
+use crate::figures::{Comparison, Row, Yardstick};
+use crate::option_set::OptionSet;
+use crate::report::statistics;
+use crate::rollout::Rollout;
+use crate::simulator::Engine;
+use crate::units::evaluate::Behavior;
+use crate::units::learn;
+use crate::units::prepare::TaskSource;
+
+/// What was measured of a set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Evaluation {
+    /// The metric that had selected it.
+    pub metric: String,
+    /// The robot.
+    pub robot: String,
+    /// The engine that it was measured in.
+    pub engine: Engine,
+    /// The root seed of the contexts.
+    pub seed: u64,
+    /// How many contexts.
+    pub contexts: usize,
+    /// The infant agent with the set.
+    pub set: Row,
+    /// Each of its options, best first.
+    pub options: Vec<Row>,
+    /// Random torque and no torque in the same contexts.
+    pub baselines: Vec<Row>,
+    /// The set against each baseline.
+    pub against: Vec<Comparison>,
+}
+
+/// Runs the set's options in the `report` contexts of `run`, whose seed should be another than that of the run which
+/// made the set. The horizon, the normalisation and `(μ*, σ*)` are those stored with the set.
+///
+/// # Errors
+/// See [`RunError`]; a set that does not fit the simulator has been refused before, by [`OptionSet::policies`].
+pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> {
+    let manifest = &set.manifest;
+    let plan = &run.experiment.report;
+    let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
+    let contexts = run.prepare_contexts(Split::Report, plan.contexts, &tasks)?;
+    let records: Vec<_> = set.options.iter().cloned().map(Some).collect();
+    let key = run.crew.import(&learn::encode(&records))?;
+
+    let option = |item: usize| Performer {
+        name: format!("option {}", manifest.options[item].number),
+        role: PerformerRole::Infant(vec![(key, item)]),
+    };
+    let plain = |name: &str, behavior| Performer { name: name.to_owned(), role: PerformerRole::Plain(behavior) };
+    let groups: Vec<Vec<Performer>> = (0..set.options.len())
+        .map(|item| vec![option(item)])
+        .chain([vec![
+            plain("random torque", || Behavior::RandomTorque),
+            plain("zero torque", || Behavior::ZeroTorque),
+        ]])
+        .collect();
+    let rollouts = run.evaluate("rollouts", &groups, &contexts, 0..contexts.keys.len())?;
+
+    let yardstick = Yardstick {
+        scale: manifest.scale,
+        reference: manifest.reference,
+        plan,
+        return_floor: run.return_floor(),
+        seed: run.seed.child("bootstrap"),
+    };
+    let rows: Vec<&[Rollout]> = rollouts.iter().map(Vec::as_slice).collect();
+    let (members, others) = rows.split_at(set.options.len());
+    let sample = |name: &str, members: &[&[Rollout]]| yardstick.sample(name, members, &contexts.prices);
+    let whole = sample(&manifest.metric, members);
+    let baselines = [sample("random torque", &others[..1]), sample("zero torque", &others[1..])];
+    let figures = || {
+        let option = |(item, row): (usize, &&[Rollout])| {
+            yardstick.row(&sample(&format!("option {}", manifest.options[item].number), &[row]))
+        };
+        Ok(Evaluation {
+            metric: manifest.metric.clone(),
+            robot: run.spec.robot.clone(),
+            engine: run.experiment.simulator.engine(),
+            seed: run.experiment.seed,
+            contexts: contexts.count,
+            set: yardstick.row(&whole)?,
+            options: members.iter().enumerate().map(option).collect::<Result<_, _>>()?,
+            baselines: baselines.iter().map(|b| yardstick.row(b)).collect::<Result<_, _>>()?,
+            against: baselines.iter().map(|b| yardstick.compare(&whole, b)).collect::<Result<_, _>>()?,
+        })
+    };
+    figures().map_err(statistics)
+}

@@ -1,0 +1,234 @@
+//! The configuration of one run, as a TOML file writes it. Every default is the paper's where the paper gives one.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::context::InitialStates;
+use crate::fault::Faults;
+use crate::metric::Metric;
+use crate::policy::{OptionLearner, TeacherConfig};
+use crate::returns::{FailureRule, ReturnScaling};
+use crate::rollout::Horizon;
+use crate::select::Selector;
+use crate::simulator::SimulatorConfig;
+use crate::task::TaskDistribution;
+
+/// One run: from a simulator and a task family to selected option sets.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Experiment {
+    /// The root of every random draw. The same config and seed give the same bytes.
+    pub seed: u64,
+    /// Which robot, in which engine; see `elo plugins`.
+    pub simulator: Box<dyn SimulatorConfig>,
+    /// `P`: the range from which each task parameter is drawn uniformly, e.g. `electricity_cost = { low = -2.4, high =
+    /// -1.4 }` (§5.1). Parameters without a range keep the simulator's default.
+    #[serde(default)]
+    pub tasks: TaskDistribution,
+    /// `d0`: where contexts begin (§5.1).
+    #[serde(default)]
+    pub initial_states: InitialStates,
+    /// How near-optimal policies are found (Algorithm 1(a), step 2); see `elo plugins`.
+    pub teacher: Box<dyn TeacherConfig>,
+    /// How a recorded trajectory becomes an option; see `elo plugins`.
+    pub option_learner: Box<dyn OptionLearner>,
+    /// The sizes of Algorithm 1.
+    #[serde(default)]
+    pub discover: Discover,
+    /// The metrics `ψ`, each of which selects its own set; see `elo plugins`.
+    pub metrics: Vec<Box<dyn Metric>>,
+    /// How candidates are measured and eliminated; see `elo plugins`.
+    #[serde(default = "uniform")]
+    pub selector: Box<dyn Selector>,
+    /// How returns are scaled before metrics see them.
+    #[serde(default)]
+    pub returns: ReturnScaling,
+    /// What a failed rollout counts as.
+    #[serde(default)]
+    pub failures: FailureRule,
+    /// What is measured on fresh contexts at the end.
+    #[serde(default)]
+    pub report: ReportPlan,
+}
+
+fn uniform() -> Box<dyn Selector> {
+    Box::new(crate::select::Uniform {})
+}
+
+/// The sizes of Algorithm 1: `[discover]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Discover {
+    /// `M`: tasks drawn from `P`, each with its own teacher. The paper says "small".
+    #[schemars(range(min = 1, max = 10000))]
+    pub teachers: usize,
+    /// Fewest teachers to go on with when trainings diverge; at least 1.
+    #[schemars(range(min = 1))]
+    pub min_teachers: usize,
+    /// `N`: candidate options. The paper uses 600.
+    #[schemars(range(min = 1, max = 1000000))]
+    pub candidates: usize,
+    /// `Z`: contexts in which each candidate is measured; at least `set_size`. The paper uses 300.
+    #[schemars(range(min = 1, max = 1000000))]
+    pub contexts: usize,
+    /// `T`: control steps of one option. The paper uses 200, which is 3.3 s.
+    #[schemars(range(min = 1, max = 100000))]
+    pub steps: usize,
+    /// `K`: options in a set, at most `candidates`. The paper uses 5.
+    #[schemars(range(min = 1))]
+    pub set_size: usize,
+    /// Where the tasks of selection contexts come from. The paper draws them from the teachers' tasks `W`.
+    pub tasks: EvaluationTasks,
+    /// Whether a teacher is recorded acting by its mean or sampling.
+    pub teacher_acts: TeacherActs,
+    /// `γ` of returns, in (0, 1]. Reward-term sums are stored with it, so it is fixed for a run.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub discount: f64,
+    /// Whether a fall ends the return; its step's reward counts, nothing after it.
+    pub stop_at_fall: bool,
+    /// How often a recording that fell before its end is taken again, from another start, before the candidate is given
+    /// up.
+    pub max_retakes: u32,
+}
+
+impl Default for Discover {
+    fn default() -> Self {
+        Self {
+            teachers: 10,
+            min_teachers: 1,
+            candidates: 600,
+            contexts: 300,
+            steps: 200,
+            set_size: 5,
+            tasks: EvaluationTasks::P,
+            teacher_acts: TeacherActs::Mean,
+            discount: 1.0,
+            stop_at_fall: true,
+            max_retakes: 20,
+        }
+    }
+}
+
+impl Discover {
+    /// The horizon of every rollout that selects or reports.
+    pub fn horizon(&self) -> Horizon {
+        Horizon { steps: self.steps, discount: self.discount, stop_at_fall: self.stop_at_fall }
+    }
+}
+
+/// See [`Discover::tasks`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum EvaluationTasks {
+    /// New tasks from `P`.
+    P,
+    /// Uniformly from the teachers' tasks, as Algorithm 1(b) is printed.
+    W,
+}
+
+/// See [`Discover::teacher_acts`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TeacherActs {
+    /// The mean of its policy.
+    Mean,
+    /// A sample of its policy.
+    Sample,
+}
+
+/// What is measured on fresh contexts at the end: `[report]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReportPlan {
+    /// Held-out contexts, drawn from `P` and `d0`, in which every reported figure is measured.
+    #[schemars(range(min = 2, max = 1000000))]
+    pub contexts: usize,
+    /// Random `K`-subsets of the candidates that selected sets are compared with.
+    #[schemars(range(min = 1, max = 10000))]
+    pub random_subsets: usize,
+    /// `α` of the reported lower tail `Pr(V < μ* − α σ*)`; at least 0.
+    #[schemars(range(min = 0.0))]
+    pub alpha: f64,
+    /// Bootstrap draws behind each interval.
+    #[schemars(range(min = 100, max = 100000))]
+    pub bootstrap_draws: usize,
+    /// Coverage of the intervals.
+    #[schemars(range(min = 0.5, max = 0.999))]
+    pub confidence: f64,
+    /// Control steps of an additional run of the infant agent, several options in a row; 0 leaves it out. Figures for
+    /// one option need no such run.
+    pub lifetime_steps: usize,
+    /// Probability that a decision of that agent is one random primitive action instead of an option.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub primitive_probability: f64,
+}
+
+impl Default for ReportPlan {
+    fn default() -> Self {
+        Self {
+            contexts: 300,
+            random_subsets: 10,
+            alpha: 1.0,
+            bootstrap_draws: 2000,
+            confidence: 0.95,
+            lifetime_steps: 0,
+            primitive_probability: 0.0,
+        }
+    }
+}
+
+impl Experiment {
+    /// Finds every fault that only the whole config shows, and those that plugins find in their own tables. Ranges of
+    /// single fields have been checked against the schema before.
+    pub fn validate(&self, faults: &mut Faults) {
+        faults.within("simulator", |faults| self.simulator.validate(faults));
+        faults.within("teacher", |faults| self.teacher.validate(faults));
+        faults.within("option_learner", |faults| self.option_learner.validate(faults));
+        faults.within("selector", |faults| self.selector.validate(faults));
+        faults.within("failures", |faults| self.failures.validate(faults));
+        self.validate_metrics(faults);
+        faults.within("discover", |faults| self.discover.validate(faults));
+        faults.within("report", |faults| {
+            let plan = &self.report;
+            faults.check(plan.alpha.is_finite(), "alpha", || format!("expected a finite number, got {}", plan.alpha));
+        });
+        match self.simulator.spec() {
+            Ok(spec) => {
+                faults.within("tasks", |faults| self.tasks.validate(&spec, faults));
+                faults.within("initial_states", |faults| self.initial_states.validate(&spec, faults));
+                let possible = self.discover.stop_at_fall || spec.capabilities.settable_state;
+                faults.check(possible, "discover.stop_at_fall", || {
+                    "false needs a simulator whose state can be set".to_owned()
+                });
+            }
+            Err(error) => faults.add("simulator", error.to_string()),
+        }
+    }
+
+    fn validate_metrics(&self, faults: &mut Faults) {
+        faults.check(!self.metrics.is_empty(), "metrics", || "expected at least one [[metrics]] table".to_owned());
+        let labels: Vec<String> = self.metrics.iter().map(|metric| metric.label()).collect();
+        for (i, metric) in self.metrics.iter().enumerate() {
+            faults.within(&format!("metrics[{i}]"), |faults| {
+                metric.validate(faults);
+                faults.check(!labels[..i].contains(&labels[i]), "", || {
+                    format!("is the same as an earlier metric: {}", labels[i])
+                });
+            });
+        }
+    }
+}
+
+impl Discover {
+    fn validate(&self, faults: &mut Faults) {
+        faults.check(self.set_size <= self.candidates, "set_size", || {
+            format!("K = {} options cannot be chosen from N = {} candidates", self.set_size, self.candidates)
+        });
+        faults.check(self.contexts >= self.set_size, "contexts", || {
+            format!("expected at least set_size = {} contexts, got {}", self.set_size, self.contexts)
+        });
+        faults.check(self.min_teachers <= self.teachers, "min_teachers", || {
+            format!("expected at most teachers = {}, got {}", self.teachers, self.min_teachers)
+        });
+        faults.check(self.discount > 0.0, "discount", || "expected a number above 0, got 0".to_owned());
+    }
+}

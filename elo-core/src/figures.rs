@@ -1,0 +1,216 @@
+//! Figures of return distributions, each with an interval over contexts.
+
+use serde::{Deserialize, Serialize};
+
+use crate::discover::value;
+use crate::experiment::ReportPlan;
+use crate::metric::{Metric, Reference};
+use crate::returns::Scale;
+use crate::rollout::{Ending, Rollout};
+use crate::seed::{Seed, Stream};
+use crate::statistics::StatisticsError;
+use crate::statistics::bootstrap::{Interval, bootstrap, bootstrap_mean, paired_difference};
+use crate::statistics::summary::interquartile_mean;
+
+/// Figures of one return distribution.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Row {
+    /// Whose.
+    pub name: String,
+    /// Mean return, as the tasks pay it.
+    pub mean_return: Interval,
+    /// Mean normalised return.
+    pub mean: Interval,
+    /// Interquartile mean of normalised returns.
+    pub iqm: Interval,
+    /// `Pr(V < μ* − α σ*)`.
+    pub lower_tail: Interval,
+    /// `Pr(V > μ*)`.
+    pub upper_tail: Interval,
+    /// Share of rollouts in which the robot fell.
+    pub falls: Interval,
+    /// Share of rollouts that failed and count as the return floor.
+    pub failures: f64,
+    /// Mean length in control steps.
+    pub mean_length: f64,
+}
+
+/// A paired difference.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Comparison {
+    /// The baseline.
+    pub baseline: String,
+    /// Mean return less that of the baseline, context by context.
+    pub difference: Interval,
+}
+
+/// Somebody's returns with several members pooled: an entry a context, in it one return a member.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Whose.
+    pub name: String,
+    returns: Vec<Vec<f64>>,
+    falls: Vec<f64>,
+    failures: f64,
+    mean_length: f64,
+}
+
+/// What returns are measured against, and how.
+#[derive(Clone, Debug)]
+pub struct Yardstick<'a> {
+    /// The normalisation.
+    pub scale: Scale,
+    /// `(μ*, σ*)`, in normalised returns.
+    pub reference: Reference,
+    /// `α`, bootstrap draws and confidence.
+    pub plan: &'a ReportPlan,
+    /// What a failed rollout counts as.
+    pub return_floor: f64,
+    /// The root of the bootstrap's streams.
+    pub seed: Seed,
+}
+
+impl Sample {
+    fn context_means(&self) -> Vec<f64> {
+        self.returns.iter().map(|values| values.iter().sum::<f64>() / values.len() as f64).collect()
+    }
+}
+
+impl Yardstick<'_> {
+    /// Pools `members`, each with one rollout a context; `prices` are those of the contexts' tasks.
+    pub fn sample(&self, name: &str, members: &[&[Rollout]], prices: &[Vec<f64>]) -> Sample {
+        let count = (members.len() * prices.len()) as f64;
+        let fallen =
+            |j: usize| members.iter().filter(|member| member[j].ending == Ending::Terminated).count() as f64;
+        let all = || members.iter().flat_map(|member| member.iter());
+        let member_value = |member: &&[Rollout], j: usize| value(&member[j], &prices[j]).unwrap_or(self.return_floor);
+        Sample {
+            name: name.to_owned(),
+            returns: (0..prices.len()).map(|j| members.iter().map(|m| member_value(m, j)).collect()).collect(),
+            falls: (0..prices.len()).map(|j| fallen(j) / members.len() as f64).collect(),
+            failures: all().filter(|r| !r.ending.is_valid()).count() as f64 / count,
+            mean_length: all().map(|r| f64::from(r.length)).sum::<f64>() / count,
+        }
+    }
+
+    /// All figures of a sample.
+    ///
+    /// # Errors
+    /// Fewer than two contexts, or returns that are not finite.
+    pub fn row(&self, sample: &Sample) -> Result<Row, StatisticsError> {
+        let low = self.reference.mean - self.plan.alpha * self.reference.standard_deviation;
+        let high = self.reference.mean;
+        let normal: Vec<Vec<f64>> =
+            sample.returns.iter().map(|values| values.iter().map(|v| self.scale.apply(*v)).collect()).collect();
+        let share = |test: &dyn Fn(f64) -> bool| -> Vec<f64> {
+            let of = |values: &Vec<f64>| values.iter().filter(|v| test(**v)).count() as f64 / values.len() as f64;
+            normal.iter().map(of).collect()
+        };
+        let normal_means: Vec<f64> = sample.context_means().iter().map(|value| self.scale.apply(*value)).collect();
+        let iqm = |contexts: &[usize]| {
+            let drawn: Vec<f64> = contexts.iter().flat_map(|j| normal[*j].iter().copied()).collect();
+            interquartile_mean(&drawn).unwrap_or(f64::NAN)
+        };
+        let name = &sample.name;
+        Ok(Row {
+            name: name.clone(),
+            mean_return: self.mean(&format!("{name} return"), &sample.context_means())?,
+            mean: self.mean(&format!("{name} mean"), &normal_means)?,
+            iqm: self.interval(&format!("{name} iqm"), normal.len(), iqm)?,
+            lower_tail: self.mean(&format!("{name} lower tail"), &share(&|v| v < low))?,
+            upper_tail: self.mean(&format!("{name} upper tail"), &share(&|v| v > high))?,
+            falls: self.mean(&format!("{name} falls"), &sample.falls)?,
+            failures: sample.failures,
+            mean_length: sample.mean_length,
+        })
+    }
+
+    /// Eq. 4.4: the mean over a set's options of `ψ`.
+    ///
+    /// # Errors
+    /// Fewer than two contexts, or a score that is not finite.
+    pub fn score(&self, metric: &dyn Metric, sample: &Sample) -> Result<Interval, StatisticsError> {
+        let members = sample.returns.first().map_or(0, Vec::len);
+        let normal: Vec<Vec<f64>> = (0..members)
+            .map(|m| sample.returns.iter().map(|values| self.scale.apply(values[m])).collect())
+            .collect();
+        let in_contexts = |contexts: &[usize]| {
+            let option = |row: &Vec<f64>| {
+                let drawn: Vec<f64> = contexts.iter().map(|j| row[*j]).collect();
+                metric.score(&drawn, &self.reference)
+            };
+            normal.iter().map(option).sum::<f64>() / normal.len() as f64
+        };
+        self.interval(&format!("{} score", sample.name), sample.returns.len(), in_contexts)
+    }
+
+    /// The paired difference of two samples' mean returns.
+    ///
+    /// # Errors
+    /// Samples of different contexts.
+    pub fn compare(&self, ours: &Sample, baseline: &Sample) -> Result<Comparison, StatisticsError> {
+        let mut stream = self.stream(&format!("{} against {}", ours.name, baseline.name));
+        let ReportPlan { bootstrap_draws, confidence, .. } = *self.plan;
+        let (first, second) = (ours.context_means(), baseline.context_means());
+        let difference = paired_difference(&first, &second, bootstrap_draws, confidence, &mut stream)?;
+        Ok(Comparison { baseline: baseline.name.clone(), difference })
+    }
+
+    fn mean(&self, name: &str, values: &[f64]) -> Result<Interval, StatisticsError> {
+        bootstrap_mean(values, self.plan.bootstrap_draws, self.plan.confidence, &mut self.stream(name))
+    }
+
+    fn interval(
+        &self,
+        name: &str,
+        contexts: usize,
+        statistic: impl Fn(&[usize]) -> f64,
+    ) -> Result<Interval, StatisticsError> {
+        let ReportPlan { bootstrap_draws, confidence, .. } = *self.plan;
+        bootstrap(contexts, bootstrap_draws, confidence, &mut self.stream(name), statistic)
+    }
+
+    fn stream(&self, name: &str) -> Stream {
+        self.seed.child(name).stream()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn rollout(value: f64, ending: Ending) -> Rollout {
+        Rollout { term_sums: vec![value, 1.0], length: 10, ending, clamped: 0 }
+    }
+
+    #[test]
+    fn figures_of_a_hand_worked_sample() {
+        let plan = ReportPlan::default();
+        let yardstick = Yardstick {
+            scale: Scale { offset: 0.0, scale: 10.0 },
+            reference: Reference { mean: 0.5, standard_deviation: 0.3 },
+            plan: &plan,
+            return_floor: -20.0,
+            seed: Seed::root(1),
+        };
+        // Returns are term 0 less twice term 1. Member one: 1, 8; member two: 4, and a failure that counts as -20.
+        let one = [rollout(3.0, Ending::Horizon), rollout(10.0, Ending::Terminated)];
+        let two = [rollout(6.0, Ending::Horizon), rollout(99.0, Ending::Failed("lost".to_owned()))];
+        let prices = vec![vec![1.0, -2.0]; 2];
+        let sample = yardstick.sample("both", &[&one, &two], &prices);
+        let row = yardstick.row(&sample).unwrap();
+        // Context means 2.5 and -6; normalised tails below 0.2: {0.1}, {-2}; above 0.5: {}, {0.8}.
+        assert!((row.mean_return.estimate - -1.75).abs() < 1e-12);
+        assert!((row.mean.estimate - -0.175).abs() < 1e-12);
+        assert_eq!((row.lower_tail.estimate, row.upper_tail.estimate), (0.5, 0.25));
+        assert_eq!((row.falls.estimate, row.failures, row.mean_length), (0.25, 0.25, 10.0));
+        let score = yardstick.score(&crate::metric::MaximumMean {}, &sample).unwrap();
+        assert!((score.estimate - row.mean.estimate).abs() < 1e-12);
+        let against = yardstick.compare(&sample, &yardstick.sample("one", &[&one], &prices)).unwrap();
+        // Differences 2.5 - 1 and -6 - 8.
+        assert!((against.difference.estimate - -6.25).abs() < 1e-12);
+    }
+}

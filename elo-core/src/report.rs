@@ -1,0 +1,314 @@
+//! What a run reports: the chosen sets and what they are compared with, on held-out contexts that chose nothing.
+//!
+//! The sampling unit of every interval is the context: options that meet the same contexts are not independent.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::context::Split;
+use crate::crew::RunError;
+use crate::discover::{Candidate, ContextSet, Discovery, Performer, PerformerRole, Run, duplicate};
+use crate::figures::{Comparison, Row, Sample, Yardstick};
+use crate::metric::Reference;
+use crate::returns::Scale;
+use crate::rollout::Rollout;
+use crate::simulator::Engine;
+use crate::statistics::StatisticsError;
+use crate::statistics::bootstrap::Interval;
+use crate::statistics::summary::mean;
+use crate::task::Task;
+use crate::units::evaluate::Behavior;
+use crate::units::prepare::TaskSource;
+use rand::RngExt as _;
+
+/// The format number of [`Report`]; raised with every change that a reader must know of.
+pub const REPORT_FORMAT: u32 = 1;
+
+/// Everything that a run found out, as `report.json` holds it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Report {
+    /// [`REPORT_FORMAT`].
+    pub format: u32,
+    /// The robot.
+    pub robot: String,
+    /// The engine.
+    pub engine: Engine,
+    /// The root seed.
+    pub seed: u64,
+    /// `W` and its teachers.
+    pub teachers: Vec<TeacherReport>,
+    /// Candidates with an option, and recordings given up.
+    pub candidates: CandidateCounts,
+    /// Mean random steps and redraws of the held-out starts.
+    pub starts: StartReport,
+    /// The normalisation of returns: `(return - offset) / scale`.
+    pub scale: Scale,
+    /// `(μ*, σ*)`, in normalised returns, from the selection contexts.
+    pub reference: Reference,
+    /// One selected set a metric.
+    pub sets: Vec<SetReport>,
+    /// What the sets are compared with, in the same contexts.
+    pub baselines: Vec<Row>,
+    /// What a reader should know.
+    pub warnings: Vec<String>,
+}
+
+/// One teacher.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TeacherReport {
+    /// Its task.
+    pub task: Task,
+    /// Mean return of its last training episodes, in its own task.
+    pub training_return: Option<f64>,
+    /// Attempts that were given up, and why.
+    pub diverged: Vec<String>,
+}
+
+/// How many candidates there are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CandidateCounts {
+    /// With an option.
+    pub usable: usize,
+    /// Numbers of those whose every recording fell.
+    pub given_up: Vec<usize>,
+    /// Recordings that fell and were taken again.
+    pub retakes: u64,
+    /// The teachers' mean return while they were recorded.
+    pub teacher_return: f64,
+}
+
+/// How the held-out starts came about.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StartReport {
+    /// How many.
+    pub contexts: usize,
+    /// Random control steps before a start, on average.
+    pub mean_random_steps: f64,
+    /// Falls of the random policy before a start was reached, on average.
+    pub mean_redraws: f64,
+}
+
+/// One metric's set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SetReport {
+    /// The metric's label.
+    pub metric: String,
+    /// The set's options, best first.
+    pub options: Vec<OptionReport>,
+    /// `ψ` of the set (Eq. 4.4) by the returns that selected it; optimistic, because they did.
+    pub selection_score: f64,
+    /// `ψ` of the set in the held-out contexts.
+    pub score: Interval,
+    /// The infant agent with this set.
+    pub row: Row,
+    /// The set against each baseline, context by context.
+    pub against: Vec<Comparison>,
+}
+
+/// One chosen option.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OptionReport {
+    /// Its number among the candidates.
+    pub number: usize,
+    /// Its teacher.
+    pub teacher: usize,
+    /// Its score by the returns that selected it.
+    pub selection_score: f64,
+    /// Its own figures in the held-out contexts.
+    pub row: Row,
+}
+
+/// Measures the chosen sets and the baselines on held-out contexts.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError> {
+    let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
+    let contexts = run.prepare_contexts(Split::Report, run.experiment.report.contexts, &tasks)?;
+
+    let mut wanted: Vec<usize> = discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
+    let subsets = random_subsets(run, discovery.candidates.len());
+    wanted.extend(subsets.iter().flatten());
+    wanted.sort_unstable();
+    wanted.dedup();
+    let options = measure_options(run, discovery, &contexts, &wanted)?;
+    let (names, rollouts) = measure_baselines(run, discovery, &contexts)?;
+
+    let yardstick = Yardstick {
+        scale: discovery.selection.scale,
+        reference: discovery.selection.reference,
+        plan: &run.experiment.report,
+        return_floor: run.return_floor(),
+        seed: run.seed.child("bootstrap"),
+    };
+    let view = View { run, discovery, contexts: &contexts, yardstick };
+    let subset_rows: Vec<&[Rollout]> = subsets.iter().flatten().map(|id| options[id].as_slice()).collect();
+    let sample = |name: &str, rows: &[&[Rollout]]| view.yardstick.sample(name, rows, &contexts.prices);
+    let mut baselines = vec![sample("random subsets of the candidates", &subset_rows)];
+    baselines.extend(names.iter().zip(&rollouts).map(|(name, rows)| {
+        sample(name, &rows.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    }));
+    let sets = (0..discovery.selection.choices.len())
+        .map(|index| view.set(index, &options, &baselines))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(statistics)?;
+    let rows = baselines.iter().map(|sample| view.yardstick.row(sample)).collect::<Result<_, _>>().map_err(statistics)?;
+    let report = view.report(sets, rows);
+    Ok(HeldOut { report, contexts, options, baselines: names.into_iter().zip(rollouts).collect() })
+}
+
+/// The report, and the rollouts that it was made of.
+#[derive(Debug)]
+pub struct HeldOut {
+    /// The figures.
+    pub report: Report,
+    /// The held-out contexts.
+    pub contexts: ContextSet,
+    /// Rollouts of candidates, by their position in [`Discovery::candidates`].
+    pub options: BTreeMap<usize, Vec<Rollout>>,
+    /// Rollouts of the baselines; several rows where there are several of a kind.
+    pub baselines: Vec<(String, Vec<Vec<Rollout>>)>,
+}
+
+pub(crate) fn statistics(error: StatisticsError) -> RunError {
+    RunError::Config(format!("the report's statistics are not defined: {error}"))
+}
+
+/// Random `K`-subsets of the candidates, each drawn without replacement.
+fn random_subsets(run: &Run<'_>, candidates: usize) -> Vec<Vec<usize>> {
+    let seed = run.seed.child("random subsets");
+    (0..run.experiment.report.random_subsets)
+        .map(|index| {
+            let mut stream = seed.index(index as u64).stream();
+            let mut ids: Vec<usize> = (0..candidates).collect();
+            let size = run.experiment.discover.set_size.min(candidates);
+            for place in 0..size {
+                ids.swap(place, stream.random_range(place..candidates));
+            }
+            ids.truncate(size);
+            ids
+        })
+        .collect()
+}
+
+fn measure_options(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    contexts: &ContextSet,
+    ids: &[usize],
+) -> Result<BTreeMap<usize, Vec<Rollout>>, RunError> {
+    let group = |id: &usize| vec![Performer::candidate(&discovery.candidates[*id])];
+    let groups: Vec<Vec<Performer>> = ids.iter().map(group).collect();
+    let rollouts = run.evaluate("report rollouts", &groups, contexts, 0..contexts.keys.len())?;
+    Ok(ids.iter().copied().zip(rollouts).collect())
+}
+
+type Baselines = (Vec<String>, Vec<Vec<Vec<Rollout>>>);
+
+fn measure_baselines(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    contexts: &ContextSet,
+) -> Result<Baselines, RunError> {
+    let one = |name: &str, role| vec![Performer { name: name.to_owned(), role }];
+    let teacher = || duplicate(&run.experiment.teacher);
+    let teachers: Vec<Performer> = discovery
+        .teachers
+        .iter()
+        .enumerate()
+        .filter(|(_, t)| t.usable)
+        .map(|(m, t)| Performer { name: format!("teacher {m}"), role: PerformerRole::Teacher(teacher(), t.key) })
+        .collect();
+    let groups = vec![
+        one("random torque", PerformerRole::Plain(|| Behavior::RandomTorque)),
+        one("zero torque", PerformerRole::Plain(|| Behavior::ZeroTorque)),
+        one("untrained teacher", PerformerRole::Untrained(teacher(), run.seed.child("untrained"))),
+        teachers,
+    ];
+    let names = ["random torque", "zero torque", "untrained teacher", "teachers"].map(str::to_owned).to_vec();
+    let mut rollouts = run.evaluate("baselines", &groups, contexts, 0..contexts.keys.len())?.into_iter();
+    let grouped = groups.iter().map(|group| rollouts.by_ref().take(group.len()).collect()).collect();
+    Ok((names, grouped))
+}
+
+/// How rollouts are looked at.
+struct View<'a> {
+    run: &'a Run<'a>,
+    discovery: &'a Discovery,
+    contexts: &'a ContextSet,
+    yardstick: Yardstick<'a>,
+}
+
+impl View<'_> {
+    fn set(
+        &self,
+        index: usize,
+        options: &BTreeMap<usize, Vec<Rollout>>,
+        baselines: &[Sample],
+    ) -> Result<SetReport, StatisticsError> {
+        let choice = &self.discovery.selection.choices[index];
+        let metric = self.run.experiment.metrics[index].as_ref();
+        let members: Vec<&[Rollout]> = choice.chosen.iter().map(|id| options[id].as_slice()).collect();
+        let sample = self.yardstick.sample(&choice.metric, &members, &self.contexts.prices);
+        let selection_score = |id: usize| choice.scores[id].unwrap_or(f64::MIN);
+        let scores: Vec<f64> = choice.chosen.iter().map(|id| selection_score(*id)).collect();
+        let option = |id: &usize| {
+            let Candidate { number, teacher, .. } = self.discovery.candidates[*id];
+            let sample =
+                self.yardstick.sample(&format!("option {number}"), &[&options[id]], &self.contexts.prices);
+            let row = self.yardstick.row(&sample)?;
+            Ok(OptionReport { number, teacher, selection_score: selection_score(*id), row })
+        };
+        Ok(SetReport {
+            metric: choice.metric.clone(),
+            options: choice.chosen.iter().map(option).collect::<Result<_, StatisticsError>>()?,
+            selection_score: mean(&scores)?,
+            score: self.yardstick.score(metric, &sample)?,
+            row: self.yardstick.row(&sample)?,
+            against: baselines.iter().map(|b| self.yardstick.compare(&sample, b)).collect::<Result<_, _>>()?,
+        })
+    }
+
+    fn report(&self, sets: Vec<SetReport>, baselines: Vec<Row>) -> Report {
+        let Discovery { teachers, candidates, given_up, selection, .. } = self.discovery;
+        let count = candidates.len().max(1) as f64;
+        let average = |values: &[u32]| values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64;
+        Report {
+            format: REPORT_FORMAT,
+            robot: self.discovery.spec.robot.clone(),
+            engine: self.run.experiment.simulator.engine(),
+            seed: self.run.experiment.seed,
+            teachers: teachers
+                .iter()
+                .map(|t| TeacherReport {
+                    task: t.task.clone(),
+                    training_return: t.training_return,
+                    diverged: t.diverged.clone(),
+                })
+                .collect(),
+            candidates: CandidateCounts {
+                usable: candidates.len(),
+                given_up: given_up.clone(),
+                retakes: candidates.iter().map(|c| u64::from(c.retakes)).sum(),
+                teacher_return: candidates.iter().map(|c| c.teacher_return).sum::<f64>() / count,
+            },
+            starts: StartReport {
+                contexts: self.contexts.count,
+                mean_random_steps: average(&self.contexts.random_steps),
+                mean_redraws: average(&self.contexts.redraws),
+            },
+            scale: selection.scale,
+            reference: selection.reference,
+            sets,
+            baselines,
+            warnings: selection.warnings.clone(),
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! Algorithm 1(b): execute somebody in many contexts and record what became of the reward terms.
+
+use serde::{Deserialize, Serialize};
+
+use super::codec::{self, Malformed};
+use super::{Site, Work, WorkError, input, learn, prepare, record};
+use crate::agent::{Agent, InfantAgent, RandomTorque, Taught, ZeroTorque};
+use crate::context::Context;
+use crate::policy::{Monitor, OptionPolicy, TeacherConfig, TeacherPolicy};
+use crate::rollout::{Ending, Horizon, Rollout, rollout};
+use crate::seed::Seed;
+use crate::simulator::SimulatorConfig;
+use crate::spec::SimulatorSpec;
+
+/// Some subjects in all contexts of a split. The inputs are `contexts` results of [`prepare`], then whatever the
+/// subjects name.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Evaluate {
+    /// Where.
+    pub simulator: Box<dyn SimulatorConfig>,
+    /// Who.
+    pub subjects: Vec<Subject>,
+    /// How many inputs hold contexts.
+    pub contexts: usize,
+    /// For how long.
+    pub horizon: Horizon,
+    /// The root of the rollouts' streams: context `j` of subject `n` draws from `n.seed / j`.
+    pub seed: Seed,
+}
+
+/// One subject and the name of its random streams.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Subject {
+    /// Unique in the run; part of the path of its streams.
+    pub name: String,
+    /// What it does.
+    pub behavior: Behavior,
+}
+
+/// What a subject does.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Behavior {
+    /// Uniformly random actions.
+    RandomTorque,
+    /// No action.
+    ZeroTorque,
+    /// An untrained teacher, acting by samples as a learning agent would.
+    Untrained {
+        /// What makes it.
+        teacher: Box<dyn TeacherConfig>,
+        /// The root of its streams.
+        seed: Seed,
+    },
+    /// A teacher, acting by its mean.
+    Teacher {
+        /// What reads it.
+        teacher: Box<dyn TeacherConfig>,
+        /// Which input holds it.
+        input: usize,
+    },
+    /// The infant agent with these options; with one option, that option again and again.
+    Infant {
+        /// Its options.
+        options: Vec<Place>,
+        /// Probability that a decision is one random primitive action.
+        primitive_probability: f64,
+    },
+}
+
+/// Where an option lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Place {
+    /// Which input, a result of [`learn`].
+    pub input: usize,
+    /// Which of its options.
+    pub item: usize,
+}
+
+/// Rollouts of subjects (rows) in contexts (columns).
+#[derive(Clone, Debug, PartialEq)]
+pub struct RolloutTable {
+    /// Reward terms of one rollout.
+    pub terms: usize,
+    /// Columns.
+    pub contexts: usize,
+    /// All rollouts, row by row.
+    pub rollouts: Vec<Rollout>,
+}
+
+impl RolloutTable {
+    /// One subject's rollouts.
+    pub fn row(&self, subject: usize) -> &[Rollout] {
+        &self.rollouts[subject * self.contexts..(subject + 1) * self.contexts]
+    }
+}
+
+/// Something that can be asked for the agent that it is.
+enum Cast {
+    Random,
+    Zero,
+    Policy { policy: Box<dyn TeacherPolicy>, sampling: bool },
+    Options { options: Vec<Box<dyn OptionPolicy>>, primitive_probability: f64 },
+}
+
+impl Evaluate {
+    pub(super) fn perform(
+        &self,
+        inputs: &[Vec<u8>],
+        site: &mut Site,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Vec<u8>, WorkError> {
+        let spec = site.simulator(self.simulator.as_ref())?.spec().clone();
+        let contexts = self.read_contexts(inputs)?;
+        let cast: Vec<Cast> =
+            self.subjects.iter().map(|subject| subject.cast(inputs, site, &spec)).collect::<Result<_, _>>()?;
+        let simulator = site.simulator(self.simulator.as_ref())?;
+        let total = (cast.len() * contexts.len()) as u64;
+        let mut rollouts = Vec::with_capacity(cast.len() * contexts.len());
+        for (subject, cast) in self.subjects.iter().zip(&cast) {
+            let seed = self.seed.child(&subject.name);
+            for (j, context) in contexts.iter().enumerate() {
+                monitor.progress(rollouts.len() as u64, total)?;
+                let mut noise = seed.index(j as u64).stream();
+                rollouts.push(cast.play(&spec, |agent| {
+                    rollout(&mut *simulator, agent, context, &self.horizon, &mut noise)
+                }));
+            }
+        }
+        let table = RolloutTable { terms: spec.reward_terms.len(), contexts: contexts.len(), rollouts };
+        Ok(table.encode())
+    }
+}
+
+impl Evaluate {
+    fn read_contexts(&self, inputs: &[Vec<u8>]) -> Result<Vec<Context>, WorkError> {
+        let mut contexts = Vec::new();
+        for index in 0..self.contexts {
+            contexts.extend(prepare::decode(input(inputs, index)?)?);
+        }
+        Ok(contexts)
+    }
+
+    /// The table in which every rollout failed for this reason.
+    pub(super) fn all_failed(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
+        let contexts = self.read_contexts(inputs)?.len();
+        let terms = self.simulator.spec()?.reward_terms.len();
+        let ending = Ending::Failed(reason.to_owned());
+        let rollout = Rollout { term_sums: vec![0.0; terms], length: 0, ending, clamped: 0 };
+        Ok(RolloutTable { terms, contexts, rollouts: vec![rollout; contexts * self.subjects.len()] }.encode())
+    }
+}
+
+impl Subject {
+    fn cast(&self, inputs: &[Vec<u8>], site: &mut Site, spec: &SimulatorSpec) -> Result<Cast, WorkError> {
+        let failed = |error: crate::tensors::TensorError| WorkError::Failed(error.to_string());
+        Ok(match &self.behavior {
+            Behavior::RandomTorque => Cast::Random,
+            Behavior::ZeroTorque => Cast::Zero,
+            Behavior::Untrained { teacher, seed } => {
+                let policy = teacher.load(&teacher.untrained(spec, seed), spec).map_err(failed)?;
+                Cast::Policy { policy, sampling: true }
+            }
+            Behavior::Teacher { teacher, input: index } => {
+                let policy = record::load(teacher.as_ref(), input(inputs, *index)?, spec)?;
+                Cast::Policy { policy, sampling: false }
+            }
+            Behavior::Infant { options, primitive_probability } => {
+                let load = |place: &Place| -> Result<Box<dyn OptionPolicy>, WorkError> {
+                    let records = learn::decode(input(inputs, place.input)?)?;
+                    let record = records.into_iter().nth(place.item).flatten();
+                    let record = record.ok_or_else(|| WorkError::Failed("no such option".to_owned()))?;
+                    (site.format(&record.format)?.load)(&record.tensors, spec).map_err(failed)
+                };
+                let options = options.iter().map(load).collect::<Result<_, _>>()?;
+                Cast::Options { options, primitive_probability: *primitive_probability }
+            }
+        })
+    }
+}
+
+impl Cast {
+    fn play(&self, spec: &SimulatorSpec, mut act: impl FnMut(&mut dyn Agent) -> Rollout) -> Rollout {
+        match self {
+            Self::Random => act(&mut RandomTorque::new(spec)),
+            Self::Zero => act(&mut ZeroTorque),
+            Self::Policy { policy, sampling } => act(&mut Taught { policy: policy.as_ref(), sampling: *sampling }),
+            Self::Options { options, primitive_probability } => {
+                let options: Vec<&dyn OptionPolicy> = options.iter().map(AsRef::as_ref).collect();
+                act(&mut InfantAgent::mixed(&options, *primitive_probability, spec))
+            }
+        }
+    }
+}
+
+/// Codes of [`Ending`] in files: 0 horizon, 1 terminated, 2 truncated, 3 failed.
+pub fn ending_code(ending: &Ending) -> u8 {
+    match ending {
+        Ending::Horizon => 0,
+        Ending::Terminated => 1,
+        Ending::Truncated => 2,
+        Ending::Failed(_) => 3,
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    terms: usize,
+    contexts: usize,
+    rollouts: usize,
+    /// Position and reason of each failed rollout.
+    failures: Vec<(usize, String)>,
+}
+
+impl RolloutTable {
+    /// The bytes of the table.
+    pub fn encode(&self) -> Vec<u8> {
+        let failure = |(i, r): (usize, &Rollout)| match &r.ending {
+            Ending::Failed(why) => Some((i, why.clone())),
+            Ending::Horizon | Ending::Terminated | Ending::Truncated => None,
+        };
+        let head = Head {
+            terms: self.terms,
+            contexts: self.contexts,
+            rollouts: self.rollouts.len(),
+            failures: self.rollouts.iter().enumerate().filter_map(failure).collect(),
+        };
+        let sums: Vec<f64> = self.rollouts.iter().flat_map(|r| r.term_sums.iter().copied()).collect();
+        let lengths: Vec<u32> = self.rollouts.iter().map(|r| r.length).collect();
+        let clamped: Vec<u32> = self.rollouts.iter().map(|r| r.clamped).collect();
+        let endings: Vec<u8> = self.rollouts.iter().map(|r| ending_code(&r.ending)).collect();
+        let sections = [&codec::f64_bytes(&sums), &codec::u32_bytes(&lengths), &codec::u32_bytes(&clamped), &endings];
+        codec::encode(&head, &sections.map(Vec::as_slice))
+    }
+
+    /// Reads a unit's result.
+    ///
+    /// # Errors
+    /// [`Malformed`].
+    pub fn decode(bytes: &[u8]) -> Result<Self, Malformed> {
+        let (head, sections): (Head, _) = codec::decode(bytes)?;
+        let [sums, lengths, clamped, endings] = sections[..] else {
+            return Err(Malformed(format!("{} sections", sections.len())));
+        };
+        let sums = codec::f64_numbers(sums, head.rollouts * head.terms)?;
+        let lengths = codec::u32_numbers(lengths, head.rollouts)?;
+        let clamped = codec::u32_numbers(clamped, head.rollouts)?;
+        if endings.len() != head.rollouts || head.terms == 0 {
+            return Err(Malformed(format!("{} endings of {} rollouts", endings.len(), head.rollouts)));
+        }
+        let mut reasons: std::collections::BTreeMap<usize, String> = head.failures.into_iter().collect();
+        let rollouts = (0..head.rollouts)
+            .map(|i| {
+                let ending = match endings[i] {
+                    0 => Ending::Horizon,
+                    1 => Ending::Terminated,
+                    2 => Ending::Truncated,
+                    _ => Ending::Failed(reasons.remove(&i).unwrap_or_default()),
+                };
+                let term_sums = sums[i * head.terms..(i + 1) * head.terms].to_vec();
+                Rollout { term_sums, length: lengths[i], ending, clamped: clamped[i] }
+            })
+            .collect();
+        Ok(Self { terms: head.terms, contexts: head.contexts, rollouts })
+    }
+}
+
+impl From<Evaluate> for Work {
+    fn from(work: Evaluate) -> Self {
+        Self::Evaluate(work)
+    }
+}

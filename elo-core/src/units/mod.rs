@@ -1,0 +1,199 @@
+//! The stages of Algorithm 1 as units of work: pure functions from a description and the results of other units to
+//! bytes.
+//!
+//! Each file has one stage: what describes a unit, how it is performed, and its result with its bytes. A description
+//! holds that stage's own parameters and nothing else, because the unit's key is their hash: what is not in here cannot
+//! cause work to be done again.
+
+pub mod codec;
+pub mod evaluate;
+pub mod learn;
+pub mod prepare;
+pub mod record;
+pub mod train;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::key::{Key, Stage};
+use crate::policy::{Monitor, PolicyFormat, Stopped};
+use crate::seed::Seed;
+use crate::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
+use codec::Malformed;
+
+/// A unit's description; its variants are the stages.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(tag = "stage", rename_all = "snake_case")]
+pub enum Work {
+    /// One teacher.
+    Train(train::Train),
+    /// Some recordings of teachers.
+    Record(record::Record),
+    /// The options of those recordings.
+    Learn(learn::Learn),
+    /// Some contexts.
+    Prepare(prepare::Prepare),
+    /// Some rollouts.
+    Evaluate(evaluate::Evaluate),
+}
+
+impl Work {
+    /// The stage's name and the version of its code. The version is part of every key: raise it with every change of a
+    /// stage's results.
+    pub fn stage(&self) -> Stage {
+        let name = match self {
+            Self::Train(_) => "train",
+            Self::Record(_) => "record",
+            Self::Learn(_) => "learn",
+            Self::Prepare(_) => "prepare",
+            Self::Evaluate(_) => "evaluate",
+        };
+        Stage { name, version: 1 }
+    }
+
+    /// The simulator that the unit needs, if any.
+    pub fn simulator(&self) -> Option<&dyn SimulatorConfig> {
+        match self {
+            Self::Train(work) => Some(work.simulator.as_ref()),
+            Self::Record(work) => Some(work.simulator.as_ref()),
+            Self::Learn(_) => None,
+            Self::Prepare(work) => Some(work.simulator.as_ref()),
+            Self::Evaluate(work) => Some(work.simulator.as_ref()),
+        }
+    }
+
+    /// The unit's key, see [`Key`].
+    pub fn key(&self, inputs: &[Key], program: &str) -> Key {
+        let engine = self.simulator().map(SimulatorConfig::engine);
+        let seed = match self {
+            Self::Train(work) => &work.seed,
+            Self::Record(work) => &work.seed,
+            Self::Learn(work) => &work.seed,
+            Self::Prepare(work) => &work.seed,
+            Self::Evaluate(work) => &work.seed,
+        };
+        Key::of(&self.stage(), self, inputs, seed, &fingerprint(program, engine.as_ref()))
+    }
+
+    /// Does the work.
+    ///
+    /// # Errors
+    /// See [`WorkError`].
+    pub fn perform(
+        &self,
+        inputs: &[Vec<u8>],
+        site: &mut Site,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Vec<u8>, WorkError> {
+        match self {
+            Self::Train(work) => work.perform(monitor),
+            Self::Record(work) => work.perform(inputs, site, monitor),
+            Self::Learn(work) => work.perform(inputs, monitor),
+            Self::Prepare(work) => work.perform(site, monitor),
+            Self::Evaluate(work) => work.perform(inputs, site, monitor),
+        }
+    }
+}
+
+impl Work {
+    /// What becomes of a unit whose worker could not be kept alive: rollouts are recorded as failed and counted by the
+    /// failure rule; other stages cannot go on.
+    ///
+    /// # Errors
+    /// [`WorkError::Failed`] for the other stages.
+    pub fn outcome_of_lost_worker(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
+        match self {
+            Self::Evaluate(work) => work.all_failed(inputs, reason),
+            Self::Train(_) | Self::Record(_) | Self::Learn(_) | Self::Prepare(_) => {
+                Err(WorkError::Failed(reason.to_owned()))
+            }
+        }
+    }
+}
+
+/// Program and engine, in the words that enter a key.
+fn fingerprint(program: &str, engine: Option<&Engine>) -> String {
+    engine.map_or(program.to_owned(), |engine| format!("{program}; {} {}", engine.name, engine.version))
+}
+
+/// What a worker keeps between units: built simulators and the known formats of policies.
+pub struct Site {
+    simulators: BTreeMap<String, Box<dyn Simulator>>,
+    formats: Vec<PolicyFormat>,
+}
+
+impl Site {
+    /// An empty site that can read options of these formats.
+    pub fn new(formats: Vec<PolicyFormat>) -> Self {
+        Self { simulators: BTreeMap::new(), formats }
+    }
+
+    /// The simulator of `config`, built once.
+    fn simulator(&mut self, config: &dyn SimulatorConfig) -> Result<&mut dyn Simulator, BuildError> {
+        let name = serde_json::to_string(config).expect("a config is plain data");
+        Ok(match self.simulators.entry(name) {
+            std::collections::btree_map::Entry::Occupied(built) => built.into_mut().as_mut(),
+            std::collections::btree_map::Entry::Vacant(place) => place.insert(config.build()?).as_mut(),
+        })
+    }
+
+    fn format(&self, name: &str) -> Result<PolicyFormat, WorkError> {
+        let known = self.formats.iter().find(|format| format.name == name);
+        known.copied().ok_or_else(|| WorkError::Failed(format!("no plugin reads policies of format `{name}`")))
+    }
+}
+
+/// Why a unit has no result.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum WorkError {
+    /// Asked to stop.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+    /// The simulator could not be built.
+    #[error(transparent)]
+    Build(#[from] BuildError),
+    /// It cannot be done, now or on a second try.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl From<Malformed> for WorkError {
+    fn from(error: Malformed) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
+fn input(inputs: &[Vec<u8>], index: usize) -> Result<&[u8], WorkError> {
+    inputs
+        .get(index)
+        .map(Vec::as_slice)
+        .ok_or_else(|| WorkError::Failed(format!("input {index} of {} is missing", inputs.len())))
+}
+
+/// The numbers `first..first + count` of a stage's items, so that units are the same however the rest is cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Span {
+    /// The first item.
+    pub first: usize,
+    /// How many.
+    pub count: usize,
+}
+
+impl Span {
+    /// `total` items in spans of `size`; the last may be shorter.
+    pub fn cut(total: usize, size: usize) -> Vec<Self> {
+        (0..total).step_by(size).map(|first| Self { first, count: size.min(total - first) }).collect()
+    }
+
+    /// The items' numbers.
+    pub fn items(self) -> std::ops::Range<usize> {
+        self.first..self.first + self.count
+    }
+
+    /// The stream of each item, by its number in the whole stage.
+    pub fn seeds(self, stage: &Seed) -> impl Iterator<Item = (usize, Seed)> {
+        self.items().map(move |item| (item, stage.index(item as u64)))
+    }
+}

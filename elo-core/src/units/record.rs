@@ -1,0 +1,198 @@
+//! Algorithm 1(a), the loop: execute a teacher for `T` steps from a random context and record its trajectory.
+
+use serde::{Deserialize, Serialize};
+
+use super::codec::{self, Malformed};
+use super::prepare::TaskSource;
+use super::train::TeacherResult;
+use super::{Site, Span, Work, WorkError, input};
+use crate::agent::Taught;
+use crate::context::{Context, InitialStates, PreparedStart};
+use crate::experiment::TeacherActs;
+use crate::policy::{Demonstration, Monitor, TeacherConfig, TeacherPolicy};
+use crate::rollout::{Ending, Horizon, Setting, Witness, price, watched};
+use crate::seed::Seed;
+use crate::simulator::{Simulator, SimulatorConfig, SimulatorError};
+use crate::spec::SimulatorSpec;
+use crate::task::Task;
+
+/// Recordings for some candidates. The inputs are the results of the teachers, in the order of `tasks`.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    /// Where.
+    pub simulator: Box<dyn SimulatorConfig>,
+    /// What reads the teachers.
+    pub teacher: Box<dyn TeacherConfig>,
+    /// `W`: the task of each teacher.
+    pub tasks: Vec<Task>,
+    /// `d0`.
+    pub initial_states: InitialStates,
+    /// Whether teachers act by their mean.
+    pub acts: TeacherActs,
+    /// `T`, and the discount of the recorded return.
+    pub horizon: Horizon,
+    /// How often a fallen recording is taken again.
+    pub max_retakes: u32,
+    /// Which candidates.
+    pub span: Span,
+    /// The root of the stage's streams; candidate `i` draws from its child `i` alone.
+    pub seed: Seed,
+}
+
+/// One candidate's recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// Which teacher, i.e. which task of `W`.
+    pub teacher: usize,
+    /// Recordings that fell before the end and were taken again.
+    pub retakes: u32,
+    /// The teacher's own return over the recorded steps, in its own task.
+    pub teacher_return: f64,
+    /// What was recorded; `None` when every take fell or failed.
+    pub demonstration: Option<Demonstration>,
+}
+
+impl Record {
+    pub(super) fn perform(
+        &self,
+        inputs: &[Vec<u8>],
+        site: &mut Site,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Vec<u8>, WorkError> {
+        let simulator = site.simulator(self.simulator.as_ref())?;
+        let teachers: Vec<Box<dyn TeacherPolicy>> = (0..self.tasks.len())
+            .map(|index| load(self.teacher.as_ref(), input(inputs, index)?, simulator.spec()))
+            .collect::<Result<_, _>>()?;
+        let mut recordings = Vec::with_capacity(self.span.count);
+        for (_, seed) in self.span.seeds(&self.seed) {
+            monitor.progress(recordings.len() as u64, self.span.count as u64)?;
+            recordings.push(self.candidate(simulator, &teachers, &seed).map_err(|e| WorkError::Failed(e.to_string()))?);
+        }
+        Ok(encode(&recordings))
+    }
+
+    /// Samples a random context `C_i = (τ, s0)`, executes `π*_τ` for `T` steps and records `h_i`.
+    fn candidate(
+        &self,
+        simulator: &mut dyn Simulator,
+        teachers: &[Box<dyn TeacherPolicy>],
+        seed: &Seed,
+    ) -> Result<Recording, SimulatorError> {
+        let source = TaskSource::Uniformly(self.tasks.clone());
+        let (task, teacher) = source.draw(&mut seed.child("task").stream());
+        let teacher = teacher.unwrap_or_default();
+        let prices = simulator.spec().prices(&task);
+        let mut agent =
+            Taught { policy: teachers[teacher].as_ref(), sampling: self.acts == TeacherActs::Sample };
+        let mut context = Context { task, start: PreparedStart::standard(0) };
+        for take in 0..=self.max_retakes {
+            let seed = seed.child("take").index(u64::from(take));
+            context.start = self.initial_states.draw(simulator, &context.task, &seed.child("start"))?;
+            let mut tape = Tape::default();
+            let setting = Setting { context: &context, horizon: &self.horizon };
+            let noise = &mut seed.child("noise").stream();
+            let result = watched(simulator, &mut agent, setting, noise, &mut tape);
+            if result.ending == Ending::Horizon {
+                return Ok(Recording {
+                    teacher,
+                    retakes: take,
+                    teacher_return: price(&result.term_sums, &prices),
+                    demonstration: Some(tape.cut(self.horizon.steps)),
+                });
+            }
+        }
+        Ok(Recording { teacher, retakes: self.max_retakes, teacher_return: 0.0, demonstration: None })
+    }
+}
+
+/// Reads a teacher's result and makes its policy.
+pub(super) fn load(
+    config: &dyn TeacherConfig,
+    bytes: &[u8],
+    spec: &SimulatorSpec,
+) -> Result<Box<dyn TeacherPolicy>, WorkError> {
+    let trained = TeacherResult::decode(bytes)?
+        .trained
+        .ok_or_else(|| WorkError::Failed("this teacher's training diverged".to_owned()))?;
+    config.load(&trained.policy, spec).map_err(|error| WorkError::Failed(error.to_string()))
+}
+
+/// Notes observations and actions as they come.
+#[derive(Default)]
+struct Tape {
+    observations: Vec<f32>,
+    actions: Vec<f32>,
+}
+
+impl Witness for Tape {
+    fn step(&mut self, observation: &[f32], action: &[f32]) {
+        self.observations.extend_from_slice(observation);
+        self.actions.extend_from_slice(action);
+    }
+}
+
+impl Tape {
+    fn cut(self, steps: usize) -> Demonstration {
+        Demonstration { observations: self.observations, actions: self.actions, steps }
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    teacher: usize,
+    retakes: u32,
+    teacher_return: f64,
+    /// Steps, observation numbers, action numbers.
+    recorded: Option<[usize; 3]>,
+}
+
+fn encode(recordings: &[Recording]) -> Vec<u8> {
+    let heads: Vec<Head> = recordings
+        .iter()
+        .map(|r| Head {
+            teacher: r.teacher,
+            retakes: r.retakes,
+            teacher_return: r.teacher_return,
+            recorded: r.demonstration.as_ref().map(|d| [d.steps, d.observations.len(), d.actions.len()]),
+        })
+        .collect();
+    let demonstrations = recordings.iter().filter_map(|r| r.demonstration.as_ref());
+    let sections: Vec<Vec<u8>> = demonstrations
+        .flat_map(|d| [codec::f32_bytes(&d.observations), codec::f32_bytes(&d.actions)])
+        .collect();
+    codec::encode(&heads, &sections.iter().map(Vec::as_slice).collect::<Vec<_>>())
+}
+
+/// Reads a unit's result: its recordings in order.
+///
+/// # Errors
+/// [`Malformed`].
+pub fn decode(bytes: &[u8]) -> Result<Vec<Recording>, Malformed> {
+    let (heads, sections): (Vec<Head>, _) = codec::decode(bytes)?;
+    let mut sections = sections.into_iter();
+    let mut numbers = |count| {
+        let section = sections.next().ok_or_else(|| Malformed("a recording is missing".to_owned()))?;
+        codec::f32_numbers(section, count)
+    };
+    heads
+        .into_iter()
+        .map(|head| {
+            let demonstration = match head.recorded {
+                None => None,
+                Some([steps, observations, actions]) => {
+                    Some(Demonstration { observations: numbers(observations)?, actions: numbers(actions)?, steps })
+                }
+            };
+            let Head { teacher, retakes, teacher_return, .. } = head;
+            Ok(Recording { teacher, retakes, teacher_return, demonstration })
+        })
+        .collect()
+}
+
+impl From<Record> for Work {
+    fn from(work: Record) -> Self {
+        Self::Record(work)
+    }
+}

@@ -1,0 +1,199 @@
+//! Algorithm 1(a), step 2: a near-optimal policy for one task.
+
+use serde::{Deserialize, Serialize};
+
+use super::codec::{self, Malformed};
+use super::{Work, WorkError};
+use crate::agent::{Agent, RandomTorque, Taught};
+use crate::context::{Context, InitialStates, PreparedStart};
+use crate::policy::{CurvePoint, Lesson, Monitor, Snapshot, Stopped, TeacherConfig, TrainError, Trained};
+use crate::rollout::{Horizon, price, rollout};
+use crate::seed::Seed;
+use crate::simulator::SimulatorConfig;
+use crate::task::Task;
+use crate::tensors::Tensors;
+
+/// One training.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Train {
+    /// Where.
+    pub simulator: Box<dyn SimulatorConfig>,
+    /// How.
+    pub teacher: Box<dyn TeacherConfig>,
+    /// For which task.
+    pub task: Task,
+    /// `d0`.
+    pub initial_states: InitialStates,
+    /// The root of its streams.
+    pub seed: Seed,
+}
+
+/// What came of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TeacherResult {
+    /// The teacher; `None` when every attempt diverged.
+    pub trained: Option<Trained>,
+    /// Why each earlier attempt was given up.
+    pub diverged: Vec<String>,
+}
+
+/// Trainings that diverge are begun again with another seed this often.
+const ATTEMPTS: u64 = 3;
+
+/// Episodes in which a teacher is compared with random torque before it is accepted.
+const TRIAL_EPISODES: u64 = 30;
+
+/// Control steps of such an episode.
+const TRIAL_STEPS: usize = 200;
+
+impl Train {
+    pub(super) fn perform(&self, monitor: &mut dyn Monitor) -> Result<Vec<u8>, WorkError> {
+        let mut resumed = monitor.resume().map(|bytes| Attempts::decode(&bytes)).transpose()?.unwrap_or_default();
+        while (resumed.diverged.len() as u64) < ATTEMPTS {
+            let seed = self.seed.child("attempt").index(resumed.diverged.len() as u64);
+            let lesson = Lesson {
+                simulator: self.simulator.as_ref(),
+                task: &self.task,
+                initial_states: &self.initial_states,
+                seed: seed.clone(),
+            };
+            let mut inner = WithinAttempts { attempts: &mut resumed, monitor };
+            let outcome = self.teacher.train(&lesson, &mut inner).and_then(|trained| {
+                self.trial(&trained, &seed)?;
+                Ok(trained)
+            });
+            match outcome {
+                Ok(trained) => return Ok(TeacherResult { trained: Some(trained), diverged: resumed.diverged }.encode()),
+                Err(TrainError::Diverged { steps, reason }) => {
+                    resumed.diverged.push(format!("after {steps} steps: {reason}"));
+                    resumed.checkpoint = None;
+                }
+                Err(TrainError::Stopped(stopped)) => return Err(stopped.into()),
+                Err(TrainError::Build(error)) => return Err(error.into()),
+                Err(TrainError::Other(reason)) => return Err(WorkError::Failed(reason)),
+            }
+        }
+        Ok(TeacherResult { trained: None, diverged: resumed.diverged }.encode())
+    }
+
+    /// Refuses a teacher that is worse than random torque from the same starts, beyond what chance explains.
+    fn trial(&self, trained: &Trained, seed: &Seed) -> Result<(), TrainError> {
+        let mut simulator = self.simulator.build()?;
+        let spec = simulator.spec().clone();
+        let policy = self.teacher.load(&trained.policy, &spec).map_err(|error| TrainError::Other(error.to_string()))?;
+        let prices = spec.prices(&self.task);
+        let horizon = Horizon { steps: TRIAL_STEPS, discount: 1.0, stop_at_fall: true };
+        let differences: Vec<f64> = (0..TRIAL_EPISODES)
+            .map(|episode| {
+                let seed = seed.child("trial").index(episode);
+                let start = PreparedStart::standard(seed.number());
+                let context = Context { task: self.task.clone(), start };
+                let mut value = |agent: &mut dyn Agent| {
+                    let result = rollout(simulator.as_mut(), agent, &context, &horizon, &mut seed.stream());
+                    price(&result.term_sums, &prices)
+                };
+                value(&mut Taught { policy: policy.as_ref(), sampling: false }) - value(&mut RandomTorque::new(&spec))
+            })
+            .collect();
+        let count = differences.len() as f64;
+        let mean = differences.iter().sum::<f64>() / count;
+        let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        let upper = mean + 1.96 * (variance / count).sqrt();
+        if upper < 0.0 {
+            let steps = trained.curve.last().map_or(0, |point| point.steps);
+            let reason = format!("worse than random torque by {:.3} a rollout", -mean);
+            return Err(TrainError::Diverged { steps, reason });
+        }
+        Ok(())
+    }
+}
+
+impl From<Train> for Work {
+    fn from(work: Train) -> Self {
+        Self::Train(work)
+    }
+}
+
+/// What a checkpoint of this unit holds: the attempts given up, and the running one's own checkpoint.
+#[derive(Debug, Default)]
+struct Attempts {
+    diverged: Vec<String>,
+    checkpoint: Option<Vec<u8>>,
+}
+
+impl Attempts {
+    fn encode(diverged: &[String], checkpoint: &[u8]) -> Vec<u8> {
+        codec::encode(&diverged, &[checkpoint])
+    }
+
+    fn decode(bytes: &[u8]) -> Result<Self, Malformed> {
+        let (diverged, sections) = codec::decode(bytes)?;
+        Ok(Self { diverged, checkpoint: sections.first().map(|bytes| bytes.to_vec()) })
+    }
+}
+
+/// Puts the attempts given up beside the running training's checkpoints.
+struct WithinAttempts<'a> {
+    attempts: &'a mut Attempts,
+    monitor: &'a mut dyn Monitor,
+}
+
+impl Monitor for WithinAttempts<'_> {
+    fn resume(&mut self) -> Option<Vec<u8>> {
+        self.attempts.checkpoint.take()
+    }
+
+    fn checkpoint(&mut self, bytes: &[u8]) -> Result<(), Stopped> {
+        self.monitor.checkpoint(&Attempts::encode(&self.attempts.diverged, bytes))
+    }
+
+    fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped> {
+        self.monitor.progress(done, total)
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    diverged: Vec<String>,
+    curve: Vec<CurvePoint>,
+    snapshot_steps: Vec<u64>,
+    trained: bool,
+}
+
+impl TeacherResult {
+    fn encode(&self) -> Vec<u8> {
+        let none = Trained { policy: Tensors::new(), snapshots: Vec::new(), curve: Vec::new() };
+        let trained = self.trained.as_ref().unwrap_or(&none);
+        let head = Head {
+            diverged: self.diverged.clone(),
+            curve: trained.curve.clone(),
+            snapshot_steps: trained.snapshots.iter().map(|snapshot| snapshot.steps).collect(),
+            trained: self.trained.is_some(),
+        };
+        let policies = std::iter::once(&trained.policy).chain(trained.snapshots.iter().map(|s| &s.policy));
+        let sections: Vec<Vec<u8>> = policies.map(Tensors::encode).collect();
+        codec::encode(&head, &sections.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    }
+
+    /// Reads a unit's result.
+    ///
+    /// # Errors
+    /// [`Malformed`].
+    pub fn decode(bytes: &[u8]) -> Result<Self, Malformed> {
+        let (head, sections): (Head, _) = codec::decode(bytes)?;
+        let policies: Vec<Tensors> = sections
+            .iter()
+            .map(|section| Tensors::decode(section).map_err(|error| Malformed(error.to_string())))
+            .collect::<Result<_, _>>()?;
+        let (policy, snapshots) = policies.split_first().ok_or_else(|| Malformed("no policy".to_owned()))?;
+        if snapshots.len() != head.snapshot_steps.len() {
+            return Err(Malformed(format!("{} snapshots", snapshots.len())));
+        }
+        let snapshots = head.snapshot_steps.iter().zip(snapshots);
+        let snapshots = snapshots.map(|(steps, policy)| Snapshot { steps: *steps, policy: policy.clone() }).collect();
+        let trained = Trained { policy: policy.clone(), snapshots, curve: head.curve };
+        Ok(Self { trained: head.trained.then_some(trained), diverged: head.diverged })
+    }
+}
