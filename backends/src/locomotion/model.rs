@@ -119,7 +119,7 @@ impl RobotModel {
             control_step: self.control_step(),
             reward_terms: reward::TERMS.iter().map(|&(name, weight)| term(name, price(weight))).collect(),
             task_parameters: vec![
-                parameter(reward::ELECTRICITY_COST, -2.0, (-20.0, 0.0), Effect::Reward),
+                parameter(reward::ELECTRICITY_COST, -2.0, (reward::DEAREST_ELECTRICITY, 0.0), Effect::Reward),
                 parameter("floor_friction", self.dynamics.floor_friction, (0.0, 10.0), Effect::Dynamics),
                 parameter("payload", 0.0, (0.0, self.total_mass()), Effect::Dynamics),
             ],
