@@ -3,9 +3,9 @@
 use mjcf_rs::Pose;
 use mjcf_rs::glam::DVec3;
 use rapier3d_f64::dynamics::{
-    CCDSolver, CoefficientCombineRule, GenericJoint, ImpulseJointSet, IslandManager, JointAxesMask, Multibody,
-    MultibodyJointSet, MultibodyLinkId, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet,
-    SpringCoefficients,
+    CCDSolver, CoefficientCombineRule, GenericJoint, ImpulseJointSet, IslandManager, JointAxesMask,
+    Multibody, MultibodyJointSet, MultibodyLinkId, RigidBodyBuilder, RigidBodyHandle, RigidBodySet,
+    SoftBodySet, SpringCoefficients,
 };
 use rapier3d_f64::geometry::{
     BroadPhaseBvh, ColliderBuilder, ColliderSet, Group, InteractionGroups, InteractionTestMode, NarrowPhase,
@@ -45,7 +45,12 @@ pub(super) struct LinkHandle {
 
 impl World {
     /// The robot at zero coordinates, at rest, with the payload on body `torso`.
-    pub fn build(skeleton: &Skeleton, dynamics: &Dynamics, torso: usize, limits: SpringCoefficients<f64>) -> Self {
+    pub fn build(
+        skeleton: &Skeleton,
+        dynamics: &Dynamics,
+        torso: usize,
+        limits: SpringCoefficients<f64>,
+    ) -> Self {
         let mut world = Self {
             islands: IslandManager::new(),
             broad_phase: BroadPhaseBvh::new(),
@@ -64,7 +69,11 @@ impl World {
         let root = world.bodies.insert(RigidBodyBuilder::fixed());
         for obstacle in &skeleton.obstacles {
             let floor = obstacle.form == Form::Plane;
-            world.add_collider(obstacle, if floor { dynamics.floor_friction } else { obstacle.friction }, ground);
+            world.add_collider(
+                obstacle,
+                if floor { dynamics.floor_friction } else { obstacle.friction },
+                ground,
+            );
         }
         for (index, link) in skeleton.links.iter().enumerate() {
             let mut inertia = link.inertia;
@@ -114,7 +123,8 @@ impl World {
             .expect("every link is inserted once, after its parent");
         let id = *self.multibody_joints.rigid_body_link(body).expect("it has just been inserted");
         if let Freedoms::Axes(axes) = &link.freedoms {
-            let (multibody, index) = self.multibody_joints.get_mut(handle).expect("it has just been inserted");
+            let (multibody, index) =
+                self.multibody_joints.get_mut(handle).expect("it has just been inserted");
             let joint = &mut multibody.link_mut(index).expect("the link just inserted").joint;
             for freedom in axes.iter().filter(|f| f.stiffness != 0.0) {
                 joint.set_spring(freedom.axis, freedom.stiffness, freedom.inward(freedom.spring_rest));

@@ -138,8 +138,8 @@ mod tests {
         let axial = cylinder * 0.01 / 2.0 + sphere * 0.01 * 0.4;
         assert!((capsule.matrix.x_axis.x - axial).abs() < 1e-12);
         // Across: m(L²/12 + r²/4), and each half sphere 2/5 r² with its centre 3/8 r beyond the end.
-        let across = cylinder * (0.16 / 12.0 + 0.01 / 4.0)
-            + sphere * (0.4 * 0.01 + 0.04 + 2.0 * 0.2 * 0.375 * 0.1);
+        let across =
+            cylinder * (0.16 / 12.0 + 0.01 / 4.0) + sphere * (0.4 * 0.01 + 0.04 + 2.0 * 0.2 * 0.375 * 0.1);
         assert!((capsule.matrix.y_axis.y - across).abs() < 1e-9, "{} {across}", capsule.matrix.y_axis.y);
     }
 

@@ -253,7 +253,11 @@ impl Freedom {
 }
 
 fn name(model: &Model, id: usize) -> String {
-    model.bodies[id].body.name.clone().unwrap_or_else(|| if id == 0 { "world".into() } else { id.to_string() })
+    model.bodies[id]
+        .body
+        .name
+        .clone()
+        .unwrap_or_else(|| if id == 0 { "world".into() } else { id.to_string() })
 }
 
 #[cfg(test)]
