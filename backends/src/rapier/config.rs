@@ -24,19 +24,17 @@ pub struct RapierConfig {
     /// A robot of the user's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_robot: Option<RobotDescription>,
-    /// Engine steps in one control step, in each of which contacts are found anew. More are more accurate and cost
-    /// proportionally more. The module's table has the figures behind the default, 4.
-    #[serde(default = "four")]
+    /// Engine steps in one control step, in each of which contacts are found anew. The error of a trajectory is
+    /// inversely proportional to it, the cost proportional. Default: the robot's own `substeps` (4 for the built-in
+    /// robots), so that engine steps are as long as the file's `timestep`, as they are in MuJoCo.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1, max = 1000))]
-    pub steps_per_control: u32,
+    pub steps_per_control: Option<u32>,
     /// Parts of one engine step, in each of which the equations of motion are solved anew but contacts are not sought.
+    /// Cheaper than further steps, and as good in the air, but not on the floor. The default is 1.
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = 1000))]
     pub substeps: u32,
-}
-
-fn four() -> u32 {
-    4
 }
 
 fn one() -> u32 {
@@ -48,7 +46,7 @@ impl Default for RapierConfig {
         Self {
             robot: Some("half-cheetah".to_owned()),
             own_robot: None,
-            steps_per_control: four(),
+            steps_per_control: None,
             substeps: one(),
         }
     }
@@ -72,7 +70,8 @@ impl SimulatorConfig for RapierConfig {
     }
 
     fn validate(&self, faults: &mut Faults) {
-        for (field, value) in [("steps_per_control", self.steps_per_control), ("substeps", self.substeps)] {
+        let steps = self.steps_per_control.unwrap_or(1);
+        for (field, value) in [("steps_per_control", steps), ("substeps", self.substeps)] {
             faults.check((1..=1000).contains(&value), field, || format!("expected 1 to 1000, got {value}"));
         }
         robot::validate(self.robot.as_deref(), self.own_robot.as_ref(), faults);
@@ -94,8 +93,7 @@ impl SimulatorConfig for RapierConfig {
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
         let model = self.model()?;
         let division = Division {
-            control_step: model.control_step(),
-            steps: self.steps_per_control as usize,
+            steps: self.steps_per_control.unwrap_or(model.description.substeps) as usize,
             substeps: self.substeps as usize,
         };
         let body = RapierBody::new(&model, division).map_err(BuildError::Robot)?;

@@ -188,7 +188,7 @@ impl Skeleton {
                 return Err(format!("geom `{}`: a plane must belong to the world", label()));
             }
             let shape = Shape {
-                body: id.checked_sub(1),
+                body: id.saturating_sub(1),
                 pose: pose * at,
                 form,
                 friction: geom.friction[0],
