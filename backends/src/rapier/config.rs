@@ -8,7 +8,8 @@ use elo_core::spec::SimulatorSpec;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::engine::{Division, RapierBody};
+use super::engine::RapierBody;
+use super::settings::Division;
 use super::skeleton::Skeleton;
 use crate::locomotion::model::RobotModel;
 use crate::locomotion::robot::{self, RobotDescription};
@@ -98,5 +99,51 @@ impl SimulatorConfig for RapierConfig {
         };
         let body = RapierBody::new(&model, division).map_err(BuildError::Robot)?;
         Ok(Box::new(Locomotion::new(model, body)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn faults(config: &RapierConfig) -> Vec<String> {
+        let mut faults = Faults::new();
+        config.validate(&mut faults);
+        faults.into_found().iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn the_default_is_sound_and_names_its_engine() {
+        let config = RapierConfig::default();
+        assert_eq!(faults(&config), Vec::<String>::new());
+        assert_eq!(config.build().unwrap().spec(), &config.spec().unwrap());
+        let written = serde_json::to_value(&config as &dyn SimulatorConfig).unwrap();
+        let expected = serde_json::json!({"kind": "rapier", "robot": "half-cheetah", "substeps": 1});
+        assert_eq!(written, expected);
+        let lock = include_str!("../../../Cargo.lock");
+        let locked = format!("name = \"rapier3d-f64\"\nversion = \"{}\"", RapierConfig::VERSION);
+        assert!(lock.contains(&locked), "the lock file has another version of Rapier");
+    }
+
+    #[test]
+    fn every_fault_is_found_at_its_field() {
+        let config: RapierConfig =
+            serde_json::from_str(r#"{"robot": "ants", "steps_per_control": 0, "substeps": 2000}"#).unwrap();
+        let found = faults(&config).join("\n");
+        for part in ["`steps_per_control`: expected 1 to 1000, got 0", "`substeps`", "did you mean `ant`?"] {
+            assert!(found.contains(part), "{found}");
+        }
+        assert!(serde_json::from_str::<RapierConfig>(r#"{"step_per_control": 4}"#).is_err());
+    }
+
+    #[test]
+    fn what_the_engine_cannot_represent_is_a_fault_of_the_config() {
+        let mut own = robot::built_in("ant").unwrap();
+        own.mjcf = own.mjcf.replace(r#"type="sphere" size="0.25""#, r#"type="ellipsoid" size="0.2 0.2 0.2""#);
+        let config = RapierConfig { robot: None, own_robot: Some(own), ..RapierConfig::default() };
+        let found = faults(&config).join("\n");
+        assert!(found.contains("own_robot.mjcf") && found.contains("Ellipsoid"), "{found}");
+        assert!(config.build().is_err());
     }
 }

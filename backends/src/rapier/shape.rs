@@ -168,7 +168,8 @@ mod tests {
     fn gaps_are_those_of_the_lowest_point() {
         let at = |form, pose| Shape { body: 0, pose, form, friction: 0.0, contype: 1, conaffinity: 1 };
         let floor = at(Form::Plane, Pose::from_translation(DVec3::new(5.0, 0.0, 1.0)));
-        let link = Pose::from_parts(DVec3::new(0.0, 0.0, 3.0), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_4));
+        let link =
+            Pose::from_parts(DVec3::new(0.0, 0.0, 3.0), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_4));
         let edge = 0.5f64.sqrt();
         // Half a metre down the turned x axis, then the form's own reach along the vertical.
         let down = Pose::from_translation(DVec3::new(0.5, 0.0, 0.0));
