@@ -7,6 +7,14 @@
 //! penetration, not a gap of some millimetres.
 
 pub mod body;
+#[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]
+pub(crate) mod laws;
+#[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]
+pub(crate) mod laws_flight;
+#[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]
+mod laws_pendulum;
+#[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]
+pub(crate) mod liars;
 pub mod model;
 pub mod observation;
 pub mod prescan;

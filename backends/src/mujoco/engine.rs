@@ -176,3 +176,147 @@ impl ArticulatedBody for MujocoBody {
         velocities.copy_from_slice(self.data.qvel());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::locomotion::laws::LAWS;
+    use crate::locomotion::liars;
+    use crate::locomotion::robot::{AliveRule, NAMES, RobotDescription, built_in};
+
+    fn build(model: &RobotModel) -> Box<dyn ArticulatedBody> {
+        Box::new(MujocoBody::new(model).unwrap())
+    }
+
+    fn built(name: &str) -> RobotModel {
+        RobotModel::load(&built_in(name).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn the_laws_of_mechanics_hold() {
+        let broken: Vec<String> =
+            LAWS.iter().filter_map(|(name, law)| law(&build).err().map(|e| format!("{name}: {e}"))).collect();
+        assert!(broken.is_empty(), "{broken:#?}");
+    }
+
+    #[test]
+    fn the_laws_catch_liars() {
+        assert_eq!(liars::undetected(&build), Vec::<String>::new());
+    }
+
+    /// A user's file with everything that changes masses: classes, densities, geom masses, degrees, no inertials.
+    fn geoms_alone() -> RobotDescription {
+        let mjcf = r#"<mujoco><compiler settotalmass="7"/><option timestep="0.005"/>
+            <default><geom density="500"/><default class="heavy"><geom density="3000"/></default></default>
+            <worldbody><geom type="plane" size="5 5 1"/><body name="torso" pos="0 0 2"><freejoint/>
+            <geom type="box" size="0.2 0.1 0.05" pos="0.05 0 0"/><geom class="heavy" type="sphere" size="0.06" pos="0 0 0.1"/>
+            <body name="leg" pos="0.2 0 0" euler="0 20 0"><joint name="hip" axis="0 1 0" range="-40 40"/>
+            <geom type="capsule" size="0.03" fromto="0 0 0 0.1 0 -0.4"/><geom type="ellipsoid" size="0.05 0.04 0.03" mass="0.2"/>
+            <geom type="cylinder" size="0.02 0.1" pos="0 0.1 0"/></body></body></worldbody>
+            <actuator><motor joint="hip" gear="30" ctrlrange="-0.4 0.4"/></actuator></mujoco>"#;
+        RobotDescription {
+            name: "own".to_owned(),
+            mjcf: mjcf.to_owned(),
+            feet: vec!["leg".to_owned()],
+            alive: AliveRule::default(),
+            progress: Vec::new(),
+            ..built_in("ant").unwrap()
+        }
+    }
+
+    #[test]
+    fn mujoco_and_the_reader_agree_on_every_robot() {
+        let own = RobotModel::load(&geoms_alone()).unwrap();
+        assert_eq!(own.joints[0].control, [-0.4, 0.4]);
+        assert!((own.joints[0].range[1] - 40_f64.to_radians()).abs() < 1e-15);
+        for model in NAMES.map(built).into_iter().chain([own]) {
+            let body = MujocoBody::new(&model).unwrap();
+            for (id, ours) in model.bodies.iter().enumerate() {
+                let theirs = body.pristine.body_mass()[id + 1];
+                assert!((ours.mass - theirs).abs() < 1e-9 * theirs, "{}: {theirs} {}", ours.name, ours.mass);
+                let center = body.pristine.body_ipos()[id + 1];
+                assert!(ours.center.iter().zip(center).all(|(a, b)| (a - b).abs() < 1e-9), "{}", ours.name);
+            }
+            for (ours, theirs) in model.standard_positions.iter().zip(body.pristine.qpos0()) {
+                assert!((ours - theirs).abs() < 1e-12);
+            }
+            let timestep = body.pristine.opt().timestep;
+            assert_eq!(model.control_step(), timestep * f64::from(model.description.substeps));
+        }
+    }
+
+    #[test]
+    fn the_floor_bears_the_weight_at_rest() {
+        for name in NAMES {
+            let model = built(name);
+            let mut body = MujocoBody::new(&model).unwrap();
+            body.restore(&model.standard_positions, &vec![0.0; model.velocity_count]).unwrap();
+            (0..1000).for_each(|_| body.advance(&vec![0.0; model.joints.len()]).unwrap());
+            // Forces belong to the state in which they were computed.
+            body.data.forward();
+            let contacts = 0..body.data.ncon() as usize;
+            let force: f64 = contacts.map(|i| body.data.contact_force(i)[0]).sum();
+            let weight = model.total_mass() * 9.8;
+            assert!((force / weight - 1.0).abs() < 0.01, "{name}: {force} N, weight {weight} N");
+        }
+    }
+
+    #[test]
+    fn a_lost_state_is_reported_and_never_reset_silently() {
+        let model = built("half-cheetah");
+        let mut body = MujocoBody::new(&model).unwrap();
+        let rest = (model.standard_positions.clone(), vec![0.0; model.velocity_count]);
+        body.restore(&rest.0, &rest.1).unwrap();
+        let lost = body.advance(&[1e12; 6]);
+        assert!(matches!(lost, Err(SimulatorError::Unstable(_))), "{lost:?}");
+        let mut huge = rest.clone();
+        huge.1[0] = 1e11;
+        assert!(matches!(body.restore(&huge.0, &huge.1), Err(SimulatorError::Start(_))));
+        // And the object is as good as new.
+        body.restore(&rest.0, &rest.1).unwrap();
+        body.advance(&[1.0; 6]).unwrap();
+        let mut fresh = MujocoBody::new(&model).unwrap();
+        fresh.restore(&rest.0, &rest.1).unwrap();
+        fresh.advance(&[1.0; 6]).unwrap();
+        assert_eq!(body.data.qpos(), fresh.data.qpos());
+    }
+
+    #[test]
+    fn dropped_constraints_are_reported() {
+        // An arena that holds the robot and not the constraints of its many contacts.
+        let balls: String =
+            (0..60).map(|i| format!("<geom size='0.1' pos='{} 0 0.05'/>", 0.3 * f64::from(i))).collect();
+        let mut own = geoms_alone();
+        own.mjcf = own
+            .mjcf
+            .replace("<option", "<size memory='90K'/><option")
+            .replace("pos=\"0 0 2\"><freejoint/>", &format!("pos=\"0 0 0\"><freejoint/>{balls}"));
+        let model = RobotModel::load(&own).unwrap();
+        let mut body = MujocoBody::new(&model).unwrap();
+        let rest = body.restore(&model.standard_positions, &vec![0.0; model.velocity_count]);
+        let dropped = rest.and_then(|()| body.advance(&[0.0])).unwrap_err().to_string();
+        assert!(dropped.contains("full"), "{dropped}");
+    }
+
+    #[test]
+    fn mujocos_own_refusals_are_build_errors() {
+        let mut own = geoms_alone();
+        own.mjcf = own.mjcf.replace("mass=\"0.2\"", "mass=\"-0.2\"");
+        let error = RobotModel::load(&own).map(|model| MujocoBody::new(&model).err().unwrap()).unwrap();
+        assert!(matches!(error, BuildError::Robot(_)), "{error}");
+    }
+
+    #[test]
+    fn whole_steps_of_rk4_leave_a_current_reading_too() {
+        let mut own = geoms_alone();
+        own.mjcf = own.mjcf.replace("timestep=\"0.005\"", "timestep=\"0.005\" integrator=\"RK4\"");
+        let model = RobotModel::load(&own).unwrap();
+        let mut body = MujocoBody::new(&model).unwrap();
+        body.restore(&model.standard_positions, &vec![0.0; model.velocity_count]).unwrap();
+        (0..10).for_each(|_| body.advance(&[3.0]).unwrap());
+        let mut reading = Reading::sized(2, 1);
+        body.read(&mut reading);
+        assert_eq!(reading.bodies[0].position[..], body.data.qpos()[..3]);
+    }
+}

@@ -1,0 +1,110 @@
+//! What every backend's simulator of the three robots must do, through the public interface alone. A backend adds its line
+//! to `configs`.
+
+#![cfg(any(feature = "mujoco", feature = "rapier"))]
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use elo_backends::locomotion::robot::NAMES;
+use elo_core::conformance::simulator::{Case, Tolerance, run};
+use elo_core::simulator::{SimulatorConfig, Start};
+use elo_core::task::Task;
+
+/// Every engine of this build with every robot, and how exactly it takes up a state.
+fn configs() -> Vec<(Box<dyn SimulatorConfig>, Tolerance)> {
+    let mut configs: Vec<(Box<dyn SimulatorConfig>, Tolerance)> = Vec::new();
+    for name in NAMES {
+        #[cfg(feature = "mujoco")]
+        configs.push((
+            Box::new(elo_backends::mujoco::MujocoConfig { robot: Some(name.to_owned()), own_robot: None }),
+            // The solver of a run begins from its last solution, that of a restored state from none.
+            Tolerance { start: 1e-9, step: 1e-5 },
+        ));
+        #[cfg(feature = "rapier")]
+        configs.push((
+            Box::new(elo_backends::rapier::RapierConfig {
+                robot: Some(name.to_owned()),
+                ..elo_backends::rapier::RapierConfig::default()
+            }),
+            Tolerance { start: 1e-9, step: 1e-2 },
+        ));
+    }
+    configs
+}
+
+#[test]
+fn every_simulator_keeps_the_contract() {
+    let reports = configs().into_iter().map(|(config, tolerance)| {
+        // Rapier allocates in its own step.
+        let ours = config.engine().name != "rapier";
+        let case = Case::new(config).within(tolerance);
+        run(&if ours { case.counting(|| ALLOCATIONS.get()) } else { case })
+    });
+    let broken: Vec<String> =
+        reports.filter(|report| !report.failed().is_empty()).map(|report| report.to_string()).collect();
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn the_standard_pose_is_seen_as_roboschool_sees_it() {
+    let heights = [("ant", 0.75), ("half-cheetah", 0.7), ("walker2d", 1.25)];
+    for (config, _) in configs() {
+        let mut simulator = config.build().unwrap();
+        let spec = simulator.spec().clone();
+        let (robot, actuated) = (spec.robot.as_str(), spec.action_size());
+        let mut observation = vec![0.0; spec.observation_size];
+        simulator.reset(&Task::default(), &Start::Seed(3), &mut observation).unwrap();
+        let state = simulator.state().unwrap();
+        let height = heights.iter().find(|(name, _)| *name == robot).unwrap().1;
+        assert!((state.memory[0] - height).abs() < 1e-9, "{robot}: z0 is {}", state.memory[0]);
+        let (torso, joints) = observation.split_at(8);
+        // Joint noise moves the mean place by some millimetres, seen from a target a kilometre away.
+        let expected = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        assert!(
+            torso.iter().zip(expected).all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-4),
+            "{robot}: {torso:?}"
+        );
+        assert!(joints[..2 * actuated].iter().skip(1).step_by(2).all(|&speed| speed == 0.0), "{robot}");
+        assert!(joints[2 * actuated..].iter().all(|&contact| contact == 0.0), "{robot}");
+        // The first joint lies where its coordinate says: hip_1's range is symmetric, bthigh's and thigh's are not.
+        let q = state.positions[state.positions.len() - actuated];
+        let (low, high) = match robot {
+            "ant" => (-40_f64.to_radians(), 40_f64.to_radians()),
+            "half-cheetah" => (-0.52, 1.05),
+            _ => (-150_f64.to_radians(), 0.0),
+        };
+        let expected = (2.0 * q - low - high) / (high - low);
+        assert!((f64::from(joints[0]) - expected).abs() < 1e-6, "{robot}: {} {expected}", joints[0]);
+        let limits: f64 = if robot == "ant" { 4.0 } else { 1.0 };
+        let mut terms = [0.0; 6];
+        simulator.step(&vec![0.0; actuated], &mut observation, &mut terms).unwrap();
+        assert!(terms[4] >= limits, "{robot}: {terms:?}: ankles and ffoot start outside");
+    }
+}
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Counts what the calling thread allocates.
+struct Counting;
+
+// SAFETY: hands every call on to the system's allocator as it is.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // A thread that is ending has no counter any more, and nothing to count.
+        let _ = ALLOCATIONS.try_with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's promises are those that the system's allocator asks for.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
