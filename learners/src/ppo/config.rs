@@ -105,7 +105,7 @@ impl Default for PpoConfig {
             entropy_coefficient: 0.0,
             value_coefficient: 0.5,
             max_grad_norm: 0.5,
-            target_kl: 0.03,
+            target_kl: 0.015,
             hidden: vec![64, 64],
             initial_log_std: 0.0,
             d0_share: 0.5,
