@@ -189,7 +189,9 @@ impl Experiment {
         faults.within("discover", |faults| self.discover.validate(faults));
         faults.within("report", |faults| {
             let plan = &self.report;
-            faults.check(plan.alpha.is_finite(), "alpha", || format!("expected a finite number, got {}", plan.alpha));
+            faults.check(plan.alpha.is_finite(), "alpha", || {
+                format!("expected a finite number, got {}", plan.alpha)
+            });
         });
         match self.simulator.spec() {
             Ok(spec) => {
@@ -205,7 +207,9 @@ impl Experiment {
     }
 
     fn validate_metrics(&self, faults: &mut Faults) {
-        faults.check(!self.metrics.is_empty(), "metrics", || "expected at least one [[metrics]] table".to_owned());
+        faults.check(!self.metrics.is_empty(), "metrics", || {
+            "expected at least one [[metrics]] table".to_owned()
+        });
         let labels: Vec<String> = self.metrics.iter().map(|metric| metric.label()).collect();
         for (i, metric) in self.metrics.iter().enumerate() {
             faults.within(&format!("metrics[{i}]"), |faults| {

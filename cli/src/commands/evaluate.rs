@@ -31,10 +31,12 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     })?;
     ready_to_run(&experiment)?;
 
-    let temporary = tempfile::tempdir().map_err(|error| Exit::Failed(format!("no temporary folder: {error}")))?;
+    let temporary =
+        tempfile::tempdir().map_err(|error| Exit::Failed(format!("no temporary folder: {error}")))?;
     let folder = arguments.out.as_deref().unwrap_or(temporary.path());
     let run_dir = RunDir::open(folder)?;
-    let stop = interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
+    let stop =
+        interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
     let staff = Staff { workers: workers(arguments.workers)?, formats, program: fingerprint() };
     let crew = Crew::new(staff, &run_dir, &Beside, &progress, &stop);
@@ -50,7 +52,8 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
 /// The experiment that made the set, with another seed and the user's changes.
 fn experiment(set: &OptionSet, arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
     let manifest = arguments.option_set.join("manifest.json");
-    let unreadable = |error: String| Exit::BadInput(format!("{}: its experiment: {error}", manifest.display()));
+    let unreadable =
+        |error: String| Exit::BadInput(format!("{}: its experiment: {error}", manifest.display()));
     let text = toml::to_string(&set.manifest.experiment).map_err(|error| unreadable(error.to_string()))?;
     let made_with = set.manifest.experiment.get("seed").and_then(serde_json::Value::as_u64).unwrap_or(0);
     let mut overrides = vec![format!("seed={}", arguments.seed.unwrap_or(made_with.wrapping_add(1)))];
