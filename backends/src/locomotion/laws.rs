@@ -359,9 +359,10 @@ fn limits_stop_and_bring_back_slowly(build: &Build<'_>) -> Result<(), String> {
         cart.advance(&[0.0])?;
         fastest = fastest.max(cart.coordinates().1[0].abs());
     }
-    // 0.25 m/s, which nothing brakes: a limit only pushes inwards.
-    expect("place after a second outside", cart.coordinates().0[0], 1.5 - 0.25 * 0.99, 0.02)?;
-    expect("speed on the way back", fastest, 0.25, 0.02)?;
+    // An engine may keep the first 0.25 m/s, which nothing brakes, or slow down with the violation: to 0.5 exp(-0.5) m
+    // outside after a second. And it may move the cart without calling that a velocity.
+    expect("place after a second outside", cart.coordinates().0[0], 1.28, 0.05)?;
+    expect("speed on the way back", fastest, 0.135, 0.135)?;
     cart.restore(&(vec![0.9], vec![5.0]))?;
     let mut furthest: f64 = 0.0;
     for _ in 0..30 {
