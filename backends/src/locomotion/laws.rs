@@ -6,6 +6,7 @@
 use elo_core::simulator::SimulatorError;
 
 use super::body::{ArticulatedBody, Dynamics, Reading};
+use super::laws_flight as flight;
 use super::laws_pendulum as pendulum;
 use super::model::RobotModel;
 use super::observation::in_world;
@@ -18,7 +19,7 @@ pub type Build<'a> = dyn Fn(&RobotModel) -> Box<dyn ArticulatedBody> + 'a;
 pub type Law = fn(&Build<'_>) -> Result<(), String>;
 
 /// All of them, by name.
-pub const LAWS: [(&str, Law); 15] = [
+pub const LAWS: [(&str, Law); 16] = [
     ("poses_follow_coordinates", poses_follow_coordinates),
     ("coordinates_are_those_restored", coordinates_are_those_restored),
     ("free_fall_is_uniform_acceleration", free_fall_is_uniform_acceleration),
@@ -29,7 +30,8 @@ pub const LAWS: [(&str, Law); 15] = [
     ("friction_stops_a_sliding_box", friction_stops_a_sliding_box),
     ("a_resting_box_stays_and_touches_the_floor", a_resting_box_stays_and_touches_the_floor),
     ("limits_stop_and_bring_back_slowly", limits_stop_and_bring_back_slowly),
-    ("mirrored_torques_mirror_the_ant", mirrored_torques_mirror_the_ant),
+    ("mirrored_torques_mirror_the_ant", flight::mirrored_torques_mirror_the_ant),
+    ("robots_in_flight_err_in_proportion_to_the_step", flight::robots_err_in_proportion_to_the_step),
     ("replays_are_equal_bit_for_bit", replays_are_equal_bit_for_bit),
     ("pendulum_has_its_period", pendulum::has_its_period),
     ("pendulum_gains_no_energy", pendulum::gains_no_energy),
@@ -119,7 +121,7 @@ pub(super) fn robot_with_step(
         alive: AliveRule::default(),
         progress: Vec::new(),
     };
-    RobotModel::load(&description).map_err(|faults| faults.join("; "))
+    RobotModel::load(&description).map_err(|faults| format!("{faults:?}"))
 }
 
 /// A free body of 2 kg, its centre of mass 0.3 m and 0.1 m off its frame, with a light arm that the motor needs.
@@ -156,7 +158,7 @@ pub(super) fn expect(what: &str, got: f64, expected: f64, tolerance: f64) -> Res
     }
 }
 
-fn expect_all(what: &str, got: &[f64], expected: &[f64], tolerance: f64) -> Result<(), String> {
+pub(super) fn expect_all(what: &str, got: &[f64], expected: &[f64], tolerance: f64) -> Result<(), String> {
     got.iter()
         .zip(expected)
         .enumerate()
@@ -185,9 +187,9 @@ fn poses_follow_coordinates(build: &Build<'_>) -> Result<(), String> {
     expect_all("fthigh", &cheetah.reading().bodies[4].position, &front, 1e-9)
 }
 
-fn built(name: &str) -> Result<RobotModel, String> {
+pub(super) fn built(name: &str) -> Result<RobotModel, String> {
     let description = built_in(name).ok_or_else(|| format!("no robot {name}"))?;
-    RobotModel::load(&description).map_err(|faults| faults.join("; "))
+    RobotModel::load(&description).map_err(|faults| format!("{faults:?}"))
 }
 
 fn coordinates_are_those_restored(build: &Build<'_>) -> Result<(), String> {
@@ -357,9 +359,10 @@ fn limits_stop_and_bring_back_slowly(build: &Build<'_>) -> Result<(), String> {
         cart.advance(&[0.0])?;
         fastest = fastest.max(cart.coordinates().1[0].abs());
     }
-    // 0.25 m/s, which nothing brakes: a limit only pushes inwards.
-    expect("place after a second outside", cart.coordinates().0[0], 1.5 - 0.25 * 0.99, 0.02)?;
-    expect("speed on the way back", fastest, 0.25, 0.02)?;
+    // An engine may keep the first 0.25 m/s, which nothing brakes, or slow down with the violation: to 0.5 exp(-0.5) m
+    // outside after a second. And it may move the cart without calling that a velocity.
+    expect("place after a second outside", cart.coordinates().0[0], 1.28, 0.05)?;
+    expect("speed on the way back", fastest, 0.135, 0.135)?;
     cart.restore(&(vec![0.9], vec![5.0]))?;
     let mut furthest: f64 = 0.0;
     for _ in 0..30 {
@@ -368,32 +371,6 @@ fn limits_stop_and_bring_back_slowly(build: &Build<'_>) -> Result<(), String> {
     }
     expect("furthest place after running into the limit", furthest, 1.05, 0.05)?;
     expect("speed after running into the limit", cart.coordinates().1[0], 0.0, 0.1)
-}
-
-/// Mirrored at the x-z plane: legs 1 and 4, 2 and 3 change places, hips change sign.
-fn mirrored_torques_mirror_the_ant(build: &Build<'_>) -> Result<(), String> {
-    let mut ant = Rig::new(build, built("ant")?)?;
-    let mirror = |x: &[f64]| [-x[6], x[7], -x[4], x[5], -x[2], x[3], -x[0], x[1]];
-    let (mut positions, velocities) = ant.standing();
-    positions[2] = 5.0;
-    positions[7..].copy_from_slice(&[0.2, 1.0, -0.1, -1.1, 0.3, -0.9, 0.0, 1.2]);
-    let mut mirrored = positions.clone();
-    mirrored[7..].copy_from_slice(&mirror(&positions[7..]));
-    let torques: Vec<[f64; 8]> =
-        (0..15).map(|t| std::array::from_fn(|j| 40.0 * (0.7 * t as f64 + 1.3 * j as f64).sin())).collect();
-    ant.restore(&(positions, velocities.clone()))?;
-    torques.iter().try_for_each(|torques| ant.advance(torques))?;
-    let (one, _) = ant.coordinates();
-    ant.restore(&(mirrored, velocities))?;
-    torques.iter().try_for_each(|torques| ant.advance(&mirror(torques)))?;
-    let (other, _) = ant.coordinates();
-    expect_all("root", &other[..3], &[one[0], -one[1], one[2]], 1e-9)?;
-    expect_all("rotation", &other[3..7], &[one[3], -one[4], one[5], -one[6]], 1e-9)?;
-    expect_all("joints", &other[7..], &mirror(&one[7..]), 1e-9)?;
-    if one[7..].iter().zip(&ant.standing().0[7..]).all(|(a, b)| (a - b).abs() < 0.1) {
-        return Err("the torques moved nothing".to_owned());
-    }
-    Ok(())
 }
 
 /// Through contacts and limits, on the same body after other work, and on a new one.

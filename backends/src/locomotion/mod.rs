@@ -7,11 +7,13 @@
 //! penetration, not a gap of some millimetres.
 
 pub mod body;
-#[cfg(test)]
+#[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]
 pub(crate) mod laws;
-#[cfg(test)]
+#[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]
+pub(crate) mod laws_flight;
+#[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]
 mod laws_pendulum;
-#[cfg(test)]
+#[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]
 pub(crate) mod liars;
 pub mod model;
 pub mod observation;

@@ -1,5 +1,6 @@
 //! What locomotion must know of a robot's MJCF file, read without any engine.
 
+use elo_core::fault::Fault;
 use elo_core::spec::{Capabilities, Effect, RewardTerm, SimulatorSpec, TaskParameter, Weight};
 
 use super::body::Dynamics;
@@ -72,13 +73,16 @@ impl RobotModel {
     /// Everything found wrong: the file as [`prescan::check`] sees it, what the parser refuses, what locomotion cannot
     /// use (unnamed bodies, ball joints, several trees, other actuators than motors on limited hinges), names in the
     /// description that the file lacks.
-    pub fn load(description: &RobotDescription) -> Result<Self, Vec<String>> {
+    pub fn load(description: &RobotDescription) -> Result<Self, Vec<Fault>> {
+        let of_file = |message: String| Fault { path: "mjcf".to_owned(), message };
         if !prescan::is_text(&description.mjcf) {
-            return Err(vec![format!("`mjcf`: the file `{}` has not been read", description.mjcf)]);
+            return Err(vec![of_file(format!("the file `{}` has not been read", description.mjcf))]);
         }
-        prescan::check(&description.mjcf)?;
+        prescan::check(&description.mjcf)
+            .map_err(|messages| messages.into_iter().map(of_file).collect::<Vec<_>>())?;
         // Without files there is nothing to resolve against the folder.
-        let mjcf = mjcf_rs::Model::from_str(&description.mjcf, "").map_err(|e| vec![e.to_string()])?;
+        let mjcf =
+            mjcf_rs::Model::from_str(&description.mjcf, "").map_err(|e| vec![of_file(e.to_string())])?;
         read::robot(description, mjcf)
     }
 
@@ -115,7 +119,7 @@ impl RobotModel {
             control_step: self.control_step(),
             reward_terms: reward::TERMS.iter().map(|&(name, weight)| term(name, price(weight))).collect(),
             task_parameters: vec![
-                parameter(reward::ELECTRICITY_COST, -2.0, (-20.0, 0.0), Effect::Reward),
+                parameter(reward::ELECTRICITY_COST, -2.0, (reward::DEAREST_ELECTRICITY, 0.0), Effect::Reward),
                 parameter("floor_friction", self.dynamics.floor_friction, (0.0, 10.0), Effect::Dynamics),
                 parameter("payload", 0.0, (0.0, self.total_mass()), Effect::Dynamics),
             ],
@@ -137,6 +141,10 @@ mod tests {
 
     fn robot(name: &str) -> RobotModel {
         RobotModel::load(&built_in(name).unwrap()).unwrap()
+    }
+
+    fn messages(faults: Vec<Fault>) -> Vec<String> {
+        faults.iter().map(ToString::to_string).collect()
     }
 
     #[test]
@@ -179,7 +187,7 @@ mod tests {
         own.alive = Default::default();
         let model = RobotModel::load(&own);
         // No motors: refused, but the masses can be read all the same.
-        assert_eq!(model.unwrap_err(), ["<actuator> holds no <motor>"]);
+        assert_eq!(messages(model.unwrap_err()), ["`mjcf`: <actuator> holds no <motor>"]);
         let parsed = mjcf_rs::Model::from_str(text, "").unwrap();
         let body = &read::bodies(&parsed, &mut Vec::new())[0];
         let capsule = 1000.0 * std::f64::consts::PI * (0.01 + 4.0 / 3.0 * 0.001);
@@ -194,7 +202,7 @@ mod tests {
         own.torso = "trunk".to_owned();
         own.feet[0] = "fot".to_owned();
         own.mjcf = own.mjcf.replace(r#"name="bfoot" range="-0.4 0.785""#, r#"name="bfoot""#);
-        let faults = RobotModel::load(&own).unwrap_err();
+        let faults = messages(RobotModel::load(&own).unwrap_err());
         assert_eq!(faults.len(), 3, "{faults:?}");
         assert!(faults[0].contains("bfoot") && faults[0].contains("range"), "{faults:?}");
         assert!(faults[1].contains("`torso`") && faults[1].contains("`trunk`"), "{faults:?}");

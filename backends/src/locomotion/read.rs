@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use elo_core::fault::nearest;
+use elo_core::fault::{Fault, Faults, nearest};
 use mjcf_rs::body::{Body, Geom, GeomType, Joint, JointType};
 use mjcf_rs::compiler::InertiaFromGeom;
 use mjcf_rs::extras::{Actuator, ActuatorKind};
@@ -13,22 +13,26 @@ use super::model::{ActuatedJoint, BodyModel, RobotModel};
 use super::robot::RobotDescription;
 
 /// Reads the robot; see [`RobotModel::load`].
-pub(super) fn robot(description: &RobotDescription, mjcf: mjcf_rs::Model) -> Result<RobotModel, Vec<String>> {
-    let mut faults = Vec::new();
-    let bodies = bodies(&mjcf, &mut faults);
-    let floor_friction = floor_friction(&mjcf, &mut faults);
-    let coordinates = Coordinates::of(&mjcf, &mut faults);
-    let joints = actuated_joints(&mjcf, &coordinates, &mut faults);
-    let mut find_all = |field: &str, names: &[String]| -> Vec<usize> {
-        names.iter().filter_map(|name| find(&bodies, field, name).map_err(|e| faults.push(e)).ok()).collect()
+pub(super) fn robot(description: &RobotDescription, mjcf: mjcf_rs::Model) -> Result<RobotModel, Vec<Fault>> {
+    let mut of_file = Vec::new();
+    let bodies = bodies(&mjcf, &mut of_file);
+    let floor_friction = floor_friction(&mjcf, &mut of_file);
+    let coordinates = Coordinates::of(&mjcf, &mut of_file);
+    let joints = actuated_joints(&mjcf, &coordinates, &mut of_file);
+
+    let mut faults = Faults::new();
+    of_file.into_iter().for_each(|message| faults.add("mjcf", message));
+    let find_all = |field: &str, names: &[String], faults: &mut Faults| -> Vec<usize> {
+        names.iter().filter_map(|name| find(&bodies, field, name, faults)).collect()
     };
-    let torso = find_all("torso", std::slice::from_ref(&description.torso)).first().copied().unwrap_or(0);
-    let feet = find_all("feet", &description.feet);
-    let no_floor_contact = find_all("alive.no_floor_contact", &description.alive.no_floor_contact);
+    let torso = find(&bodies, "torso", &description.torso, &mut faults).unwrap_or(0);
+    let feet = find_all("feet", &description.feet, &mut faults);
+    let no_floor_contact =
+        find_all("alive.no_floor_contact", &description.alive.no_floor_contact, &mut faults);
     let progress = progress(description, &bodies, torso, &mut faults);
     check_numbers(description, &mut faults);
-    if !faults.is_empty() {
-        return Err(faults);
+    if !faults.found().is_empty() {
+        return Err(faults.into_found());
     }
     Ok(RobotModel {
         description: description.clone(),
@@ -201,19 +205,21 @@ fn actuated(
     Ok(ActuatedJoint { name, position, velocity, range, gear: motor.gear[0], control })
 }
 
-fn find(bodies: &[BodyModel], field: &str, name: &str) -> Result<usize, String> {
-    bodies.iter().position(|body| body.name == name).ok_or_else(|| {
+fn find(bodies: &[BodyModel], field: &str, name: &str, faults: &mut Faults) -> Option<usize> {
+    let found = bodies.iter().position(|body| body.name == name);
+    faults.check(found.is_some(), field, || {
         let near = nearest(name, bodies.iter().map(|body| body.name.as_str()));
         let meant = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-        format!("`{field}`: the file has no body `{name}`{meant}")
-    })
+        format!("the file has no body `{name}`{meant}")
+    });
+    found
 }
 
 fn progress(
     description: &RobotDescription,
     bodies: &[BodyModel],
     torso: usize,
-    faults: &mut Vec<String>,
+    faults: &mut Faults,
 ) -> Vec<(usize, [f64; 3], f64)> {
     let mut points: Vec<(usize, [f64; 3], f64)> = Vec::new();
     if description.progress.is_empty() {
@@ -224,37 +230,31 @@ fn progress(
         }
     }
     for point in &description.progress {
-        match find(bodies, "progress", &point.body) {
-            Ok(body) => points.push((body, point.offset, point.weight)),
-            Err(fault) => faults.push(fault),
-        }
+        let body = find(bodies, "progress", &point.body, faults);
+        points.extend(body.map(|body| (body, point.offset, point.weight)));
     }
     let total: f64 = points.iter().map(|point| point.2).sum();
-    if !(total > 0.0 && total.is_finite() && points.iter().all(|point| point.2 >= 0.0)) {
-        faults.push(format!("`progress`: expected weights >= 0 with a positive sum, got a sum of {total}"));
-    }
+    let sound = total > 0.0 && total.is_finite() && points.iter().all(|point| point.2 >= 0.0);
+    faults.check(sound, "progress", || {
+        format!("expected weights >= 0 with a positive sum, got a sum of {total}")
+    });
     points.iter_mut().for_each(|point| point.2 /= total);
     points
 }
 
-fn check_numbers(description: &RobotDescription, faults: &mut Vec<String>) {
+fn check_numbers(description: &RobotDescription, faults: &mut Faults) {
+    let alive = &description.alive;
     let mut check = |field: &str, value: f64, low: f64, high: f64| {
-        if !(low..=high).contains(&value) {
-            faults.push(format!("`{field}`: expected {low} to {high}, got {value}"));
-        }
+        faults
+            .check((low..=high).contains(&value), field, || format!("expected {low} to {high}, got {value}"));
     };
     check("torque_scale", description.torque_scale, 0.0, 1e6);
     check("reset_noise", description.reset_noise, 0.0, 10.0);
     check("substeps", f64::from(description.substeps), 1.0, 1000.0);
-    for (field, limit) in
-        [("alive.min_height", description.alive.min_height), ("alive.max_pitch", description.alive.max_pitch)]
-    {
-        check(field, limit.unwrap_or_default(), -1e6, 1e6);
-    }
+    check("alive.min_height", alive.min_height.unwrap_or_default(), -1e6, 1e6);
+    check("alive.max_pitch", alive.max_pitch.unwrap_or_default(), 0.0, 4.0);
     for point in &description.progress {
-        point.offset.iter().for_each(|&x| check("progress.offset", x, -1e6, 1e6));
+        point.offset.iter().for_each(|&x| check("progress", x, -1e6, 1e6));
     }
-    if description.name.trim().is_empty() {
-        faults.push("`name`: expected a name, got nothing".to_owned());
-    }
+    faults.check(!description.name.trim().is_empty(), "name", || "expected a name, got nothing".to_owned());
 }

@@ -22,9 +22,12 @@ pub const TERMS: [(&str, Option<f64>); 6] = [
 /// The task parameter that prices `electricity`: the paper's `e_cost`.
 pub const ELECTRICITY_COST: &str = "electricity_cost";
 
-/// A lower bound on a step's mean reward. The worst runs observed (random torques that go on after the fall) earn about
-/// -1.5 a step, unclamped normal ones -3.
-pub const FLOOR: f64 = -20.0;
+/// The dearest electricity that a task may have; the paper's is -2.4.
+pub const DEAREST_ELECTRICITY: f64 = -10.0;
+
+/// A lower bound on a step's reward. Random torques earn about -1.5 a step on average at the default price, and at the
+/// dearest one single steps were seen to earn -14.
+pub const FLOOR: f64 = -50.0;
 
 /// Where the robot should go: so far ahead that progress is the forward speed.
 pub const TARGET: [f64; 2] = [1000.0, 0.0];

@@ -186,9 +186,8 @@ fn walker2d() -> RobotDescription {
 /// Neither or both fields set, an unknown name, or a description that [`RobotModel::load`] refuses.
 pub fn chosen(robot: Option<&str>, own_robot: Option<&RobotDescription>) -> Result<RobotModel, String> {
     match (robot, own_robot) {
-        (Some(name), None) => RobotModel::load(&built_in(name).ok_or_else(|| unknown(name))?)
-            .map_err(|faults| faults.join("; ")),
-        (None, Some(own)) => RobotModel::load(own).map_err(|faults| faults.join("; ")),
+        (Some(name), None) => loaded(&built_in(name).ok_or_else(|| unknown(name))?),
+        (None, Some(own)) => loaded(own),
         (None, None) => Err(format!("expected `robot` (one of {}) or `own_robot`", NAMES.join(", "))),
         (Some(_), Some(_)) => Err("expected `robot` or `own_robot`, got both".to_owned()),
     }
@@ -200,7 +199,7 @@ pub fn validate(robot: Option<&str>, own_robot: Option<&RobotDescription>, fault
         (Some(name), None) => faults.check(built_in(name).is_some(), "robot", || unknown(name)),
         (None, Some(own)) => faults.within("own_robot", |faults| {
             for fault in RobotModel::load(own).err().into_iter().flatten() {
-                faults.add("", fault);
+                faults.add(&fault.path, fault.message);
             }
         }),
         _ => {
@@ -209,6 +208,13 @@ pub fn validate(robot: Option<&str>, own_robot: Option<&RobotDescription>, fault
             }
         }
     }
+}
+
+fn loaded(description: &RobotDescription) -> Result<RobotModel, String> {
+    RobotModel::load(description).map_err(|faults| {
+        let sentences: Vec<String> = faults.iter().map(ToString::to_string).collect();
+        sentences.join("; ")
+    })
 }
 
 fn unknown(name: &str) -> String {
@@ -246,4 +252,46 @@ fn read_regular(path: &Path) -> Result<String, String> {
         return Err("it does not begin with `<`".to_owned());
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn progress_points_have_roboschools_weights() {
+        for (name, links) in NAMES.into_iter().zip([20.0, 16.0, 16.0]) {
+            let robot = built_in(name).unwrap();
+            assert_eq!(robot.progress.iter().map(|point| point.weight).sum::<f64>(), links, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_description_needs_little_and_knows_its_fields() {
+        let text = r#"{"name": "mine", "mjcf": "mine.xml", "torso": "trunk", "feet": ["left", "right"]}"#;
+        let mine: RobotDescription = serde_json::from_str(text).unwrap();
+        assert_eq!((mine.torque_scale, mine.reset_noise, mine.substeps), (1.0, 0.1, 4));
+        let slip = text.replace("feet", "foots");
+        assert!(serde_json::from_str::<RobotDescription>(&slip).unwrap_err().to_string().contains("foots"));
+    }
+
+    #[test]
+    fn every_fault_of_an_own_robot_is_reported_under_its_field() {
+        let mut own = built_in("walker2d").unwrap();
+        own.torso = "trso".to_owned();
+        own.substeps = 0;
+        own.reset_noise = f64::NAN;
+        let mut faults = Faults::new();
+        validate(None, Some(&own), &mut faults);
+        let text: Vec<String> = faults.into_found().iter().map(ToString::to_string).collect();
+        assert_eq!(
+            text,
+            [
+                "`own_robot.torso`: the file has no body `trso`; did you mean `torso`?",
+                "`own_robot.reset_noise`: expected 0 to 10, got NaN",
+                "`own_robot.substeps`: expected 1 to 1000, got 0",
+            ]
+        );
+    }
 }

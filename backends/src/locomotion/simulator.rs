@@ -35,7 +35,7 @@ pub struct Locomotion<B> {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
-    /// Before the first reset, or after the engine failed.
+    /// Before the first reset, or after an error.
     Nowhere,
     Running,
     Ended,
@@ -224,14 +224,16 @@ impl<B: ArticulatedBody> Simulator for Locomotion<B> {
         observation: &mut [f32],
         reward_terms: &mut [f64],
     ) -> Result<End, SimulatorError> {
+        let phase = std::mem::replace(&mut self.phase, Phase::Nowhere);
         check_length("action", action.len(), self.spec.action_size())?;
         check_length("observation", observation.len(), self.spec.observation_size)?;
         check_length("reward terms", reward_terms.len(), self.spec.reward_terms.len())?;
         check_action(action)?;
-        if self.phase != Phase::Running {
+        if phase != Phase::Running {
+            // The state of an end can still be read.
+            self.phase = phase;
             return Err(SimulatorError::NoEpisode);
         }
-        self.phase = Phase::Nowhere;
         let stance = self.advance(action)?;
         self.reward(action, &stance, reward_terms);
         for (shown, &foot) in self.memory.shown.iter_mut().zip(&self.model.feet) {
@@ -418,11 +420,15 @@ mod tests {
         begin(&mut simulator);
         let wrong = simulator.step(&[0.0; 5], &mut observation, &mut terms);
         assert_eq!(wrong, Err(SimulatorError::Length { what: "action", got: 5, expected: 6 }));
+        assert_eq!(simulator.step(&[0.0; 6], &mut observation, &mut terms), Err(SimulatorError::NoEpisode));
+        begin(&mut simulator);
         let wrong = simulator.step(&[0.0; 6], &mut observation[..3], &mut terms);
         assert_eq!(wrong, Err(SimulatorError::Length { what: "observation", got: 3, expected: 26 }));
+        begin(&mut simulator);
         let wrong = simulator.step(&[0.0, f32::NAN, 0.0, 0.0, 0.0, 0.0], &mut observation, &mut terms);
         assert!(matches!(wrong, Err(SimulatorError::NonFiniteAction { index: 1, .. })), "{wrong:?}");
 
+        begin(&mut simulator);
         let state = simulator.state().unwrap();
         let mut bad = |change: fn(&mut State)| {
             let mut state = state.clone();

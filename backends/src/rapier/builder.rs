@@ -3,9 +3,9 @@
 use mjcf_rs::Pose;
 use mjcf_rs::glam::DVec3;
 use rapier3d_f64::dynamics::{
-    CCDSolver, CoefficientCombineRule, GenericJoint, ImpulseJointSet, IslandManager, JointAxesMask, Multibody,
-    MultibodyJointSet, MultibodyLinkId, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet,
-    SpringCoefficients,
+    CCDSolver, CoefficientCombineRule, GenericJoint, ImpulseJointSet, IslandManager, JointAxesMask,
+    Multibody, MultibodyJointSet, MultibodyLinkId, RigidBodyBuilder, RigidBodyHandle, RigidBodySet,
+    SoftBodySet, SpringCoefficients,
 };
 use rapier3d_f64::geometry::{
     BroadPhaseBvh, ColliderBuilder, ColliderSet, Group, InteractionGroups, InteractionTestMode, NarrowPhase,
@@ -45,7 +45,12 @@ pub(super) struct LinkHandle {
 
 impl World {
     /// The robot at zero coordinates, at rest, with the payload on body `torso`.
-    pub fn build(skeleton: &Skeleton, dynamics: &Dynamics, torso: usize, limits: SpringCoefficients<f64>) -> Self {
+    pub fn build(
+        skeleton: &Skeleton,
+        dynamics: &Dynamics,
+        torso: usize,
+        limits: SpringCoefficients<f64>,
+    ) -> Self {
         let mut world = Self {
             islands: IslandManager::new(),
             broad_phase: BroadPhaseBvh::new(),
@@ -64,7 +69,11 @@ impl World {
         let root = world.bodies.insert(RigidBodyBuilder::fixed());
         for obstacle in &skeleton.obstacles {
             let floor = obstacle.form == Form::Plane;
-            world.add_collider(obstacle, if floor { dynamics.floor_friction } else { obstacle.friction }, ground);
+            world.add_collider(
+                obstacle,
+                if floor { dynamics.floor_friction } else { obstacle.friction },
+                ground,
+            );
         }
         for (index, link) in skeleton.links.iter().enumerate() {
             let mut inertia = link.inertia;
@@ -114,7 +123,8 @@ impl World {
             .expect("every link is inserted once, after its parent");
         let id = *self.multibody_joints.rigid_body_link(body).expect("it has just been inserted");
         if let Freedoms::Axes(axes) = &link.freedoms {
-            let (multibody, index) = self.multibody_joints.get_mut(handle).expect("it has just been inserted");
+            let (multibody, index) =
+                self.multibody_joints.get_mut(handle).expect("it has just been inserted");
             let joint = &mut multibody.link_mut(index).expect("the link just inserted").joint;
             for freedom in axes.iter().filter(|f| f.stiffness != 0.0) {
                 joint.set_spring(freedom.axis, freedom.stiffness, freedom.inward(freedom.spring_rest));
@@ -219,4 +229,105 @@ pub(super) fn rank(axes: &[Freedom], freedom: &Freedom) -> usize {
 fn robot_touches_itself(skeleton: &Skeleton) -> bool {
     let shapes: Vec<&Shape> = skeleton.links.iter().flat_map(|link| &link.shapes).collect();
     shapes.iter().any(|a| shapes.iter().any(|b| a.meets(b)))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::engine::RapierBody;
+    use super::super::settings::Division;
+    use crate::locomotion::body::ArticulatedBody as _;
+    use crate::locomotion::model::RobotModel;
+    use crate::locomotion::robot::{AliveRule, RobotDescription, built_in};
+
+    /// Positions after a number of control steps of 10 ms in 10 engine steps, without torques.
+    fn positions(bodies: &str, start: (&[f64], &[f64]), control_steps: usize) -> Vec<f64> {
+        let mjcf = format!(
+            r#"<mujoco><compiler angle="radian"/><option timestep="0.001" gravity="0 0 -9.8"/><worldbody>
+            <geom type="plane" size="0 0 1" contype="0" conaffinity="0"/>{bodies}</worldbody>
+            <actuator><motor joint="motor"/></actuator></mujoco>"#
+        );
+        let description = RobotDescription {
+            mjcf,
+            torso: "torso".to_owned(),
+            substeps: 10,
+            feet: Vec::new(),
+            alive: AliveRule::default(),
+            progress: Vec::new(),
+            ..built_in("ant").unwrap()
+        };
+        let model = RobotModel::load(&description).unwrap();
+        let mut body = RapierBody::new(&model, Division { steps: 10, substeps: 1 }).unwrap();
+        body.restore(start.0, start.1).unwrap();
+        (0..control_steps).for_each(|_| body.advance(&[0.0]).unwrap());
+        let mut end = (start.0.to_vec(), start.1.to_vec());
+        body.coordinates(&mut end.0, &mut end.1);
+        end.0
+    }
+
+    /// A wheel of 0.5 kg m² about z, which gravity does not turn.
+    fn wheel(joint: &str) -> String {
+        format!(
+            r#"<body name="torso"><inertial pos="0 0 0" mass="1" diaginertia="1 1 0.5"/>
+            <joint name="motor" axis="0 0 1" range="-9 9" {joint}/></body>"#
+        )
+    }
+
+    #[test]
+    fn springs_swing_about_their_rest_with_the_armature_on_board() {
+        // ω = sqrt(8 / (0.5 + 1.5)) = 2/s, so half a period is π/2 s: from 0.9 past the rest at 0.5 to 0.1.
+        let wheel = wheel("stiffness='8' springref='0.5' armature='1.5'");
+        let end = positions(&wheel, (&[0.9], &[0.0]), 157)[0];
+        assert!((end - 0.1).abs() < 2e-3, "{end}");
+        // Given with the coordinate counted from 3, everything moves along.
+        let counted = wheel.replace("springref='0.5'", "springref='3.5' ref='3'");
+        let from_three = positions(&counted, (&[3.9], &[0.0]), 157)[0];
+        assert!((from_three - 3.0 - end).abs() < 1e-9, "{from_three}");
+    }
+
+    #[test]
+    fn damping_and_dry_friction_are_those_of_the_file() {
+        // Rapier's own damping of 0.1 would stop the wheel.
+        let coasting = positions(&wheel(""), (&[0.0], &[1.0]), 200)[0];
+        assert!((coasting - 2.0).abs() < 1e-9, "{coasting}");
+        // v = exp(-t d/I): to 1 - exp(-2) times I/d after two time constants.
+        let braked = positions(&wheel("damping='0.5'"), (&[0.0], &[1.0]), 200)[0];
+        assert!((braked - (1.0 - (-2f64).exp())).abs() < 1e-3, "{braked}");
+        // v² I / (2 friction) = 0.25.
+        let rubbed = positions(&wheel("frictionloss='1'"), (&[0.0], &[1.0]), 200)[0];
+        assert!((rubbed - 0.25).abs() < 1e-3, "{rubbed}");
+    }
+
+    #[test]
+    fn several_hinges_on_a_body_are_those_of_bodies_in_a_row() {
+        let limb = r#"<inertial pos="0.2 0.1 -0.3" mass="2" diaginertia="0.03 0.02 0.01"/>"#;
+        let hinges = [
+            r#"<joint name="motor" axis="1 0 0" range="-3 3"/>"#,
+            r#"<joint axis="0 1 0"/>"#,
+            r#"<joint axis="0 0.6 0.8"/>"#,
+        ];
+        let one = format!(r#"<body name="torso">{}{limb}</body>"#, hinges.concat());
+        let dust = r#"<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-9 1e-9 1e-9"/>"#;
+        let three = format!(
+            r#"<body name="torso">{}{dust}<body name="b">{}{dust}<body name="c">{}{limb}</body></body></body>"#,
+            hinges[0], hinges[1], hinges[2]
+        );
+        let start: (&[f64], &[f64]) = (&[0.3, -0.4, 0.5], &[1.0, 2.0, -1.0]);
+        let (row, body) = (positions(&three, start, 25), positions(&one, start, 25));
+        assert!(row.iter().zip(&body).all(|(a, b)| (a - b).abs() < 1e-5), "{row:?} {body:?}");
+        assert!((body[0] - 0.3).abs() > 0.05, "nothing moved: {body:?}");
+    }
+
+    #[test]
+    fn bodies_without_joints_weigh_as_if_they_were_one() {
+        let whole = r#"<body name="torso"><joint name="motor" axis="0 1 0" range="-9 9"/>
+            <inertial pos="0 0 -1" mass="3" diaginertia="0.1 2.1 0.1"/></body>"#;
+        // Two points 1 m above and below the middle: 1 · 1² each, with 1 kg more at the middle, and 0.1 of its own.
+        let parts = r#"<body name="torso"><joint name="motor" axis="0 1 0" range="-9 9"/>
+            <inertial pos="0 0 -1" mass="1" diaginertia="0.1 0.1 0.1"/>
+            <body name="a"><inertial pos="0 0 0" mass="1" diaginertia="1e-12 1e-12 1e-12"/></body>
+            <body name="b" pos="0 0 -1"><inertial pos="0 0 -1" mass="1" diaginertia="1e-12 1e-12 1e-12"/></body></body>"#;
+        let swing = |bodies| positions(bodies, (&[0.5], &[0.0]), 100)[0];
+        assert!((swing(whole) - swing(parts)).abs() < 1e-9, "{} {}", swing(whole), swing(parts));
+    }
 }

@@ -8,7 +8,8 @@ use elo_core::spec::SimulatorSpec;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::engine::{Division, RapierBody};
+use super::engine::RapierBody;
+use super::settings::Division;
 use super::skeleton::Skeleton;
 use crate::locomotion::model::RobotModel;
 use crate::locomotion::robot::{self, RobotDescription};
@@ -24,19 +25,17 @@ pub struct RapierConfig {
     /// A robot of the user's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_robot: Option<RobotDescription>,
-    /// Engine steps in one control step, in each of which contacts are found anew. More are more accurate and cost
-    /// proportionally more. The module's table has the figures behind the default, 4.
-    #[serde(default = "four")]
+    /// Engine steps in one control step, in each of which contacts are found anew. The error of a trajectory is
+    /// inversely proportional to it, the cost proportional. Default: the robot's own `substeps` (4 for the built-in
+    /// robots), so that engine steps are as long as the file's `timestep`, as they are in MuJoCo.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1, max = 1000))]
-    pub steps_per_control: u32,
+    pub steps_per_control: Option<u32>,
     /// Parts of one engine step, in each of which the equations of motion are solved anew but contacts are not sought.
+    /// Cheaper than further steps, and as good in the air, but not on the floor. The default is 1.
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = 1000))]
     pub substeps: u32,
-}
-
-fn four() -> u32 {
-    4
 }
 
 fn one() -> u32 {
@@ -48,7 +47,7 @@ impl Default for RapierConfig {
         Self {
             robot: Some("half-cheetah".to_owned()),
             own_robot: None,
-            steps_per_control: four(),
+            steps_per_control: None,
             substeps: one(),
         }
     }
@@ -72,7 +71,8 @@ impl SimulatorConfig for RapierConfig {
     }
 
     fn validate(&self, faults: &mut Faults) {
-        for (field, value) in [("steps_per_control", self.steps_per_control), ("substeps", self.substeps)] {
+        let steps = self.steps_per_control.unwrap_or(1);
+        for (field, value) in [("steps_per_control", steps), ("substeps", self.substeps)] {
             faults.check((1..=1000).contains(&value), field, || format!("expected 1 to 1000, got {value}"));
         }
         robot::validate(self.robot.as_deref(), self.own_robot.as_ref(), faults);
@@ -94,11 +94,56 @@ impl SimulatorConfig for RapierConfig {
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
         let model = self.model()?;
         let division = Division {
-            control_step: model.control_step(),
-            steps: self.steps_per_control as usize,
+            steps: self.steps_per_control.unwrap_or(model.description.substeps) as usize,
             substeps: self.substeps as usize,
         };
         let body = RapierBody::new(&model, division).map_err(BuildError::Robot)?;
         Ok(Box::new(Locomotion::new(model, body)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn faults(config: &RapierConfig) -> Vec<String> {
+        let mut faults = Faults::new();
+        config.validate(&mut faults);
+        faults.into_found().iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn the_default_is_sound_and_names_its_engine() {
+        let config = RapierConfig::default();
+        assert_eq!(faults(&config), Vec::<String>::new());
+        assert_eq!(config.build().unwrap().spec(), &config.spec().unwrap());
+        let written = serde_json::to_value(&config as &dyn SimulatorConfig).unwrap();
+        let expected = serde_json::json!({"kind": "rapier", "robot": "half-cheetah", "substeps": 1});
+        assert_eq!(written, expected);
+        let lock = include_str!("../../../Cargo.lock");
+        let locked = format!("name = \"rapier3d-f64\"\nversion = \"{}\"", RapierConfig::VERSION);
+        assert!(lock.contains(&locked), "the lock file has another version of Rapier");
+    }
+
+    #[test]
+    fn every_fault_is_found_at_its_field() {
+        let config: RapierConfig =
+            serde_json::from_str(r#"{"robot": "ants", "steps_per_control": 0, "substeps": 2000}"#).unwrap();
+        let found = faults(&config).join("\n");
+        for part in ["`steps_per_control`: expected 1 to 1000, got 0", "`substeps`", "did you mean `ant`?"] {
+            assert!(found.contains(part), "{found}");
+        }
+        assert!(serde_json::from_str::<RapierConfig>(r#"{"step_per_control": 4}"#).is_err());
+    }
+
+    #[test]
+    fn what_the_engine_cannot_represent_is_a_fault_of_the_config() {
+        let mut own = robot::built_in("ant").unwrap();
+        own.mjcf = own.mjcf.replace(r#"type="sphere" size="0.25""#, r#"type="ellipsoid" size="0.2 0.2 0.2""#);
+        let config = RapierConfig { robot: None, own_robot: Some(own), ..RapierConfig::default() };
+        let found = faults(&config).join("\n");
+        assert!(found.contains("own_robot.mjcf") && found.contains("Ellipsoid"), "{found}");
+        assert!(config.build().is_err());
     }
 }

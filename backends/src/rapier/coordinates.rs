@@ -7,7 +7,7 @@
 use mjcf_rs::glam::{DQuat, DVec3};
 
 use super::builder::{World, rank};
-use super::skeleton::{Freedoms, Motor, Skeleton, Sizes};
+use super::skeleton::{Freedoms, Motor, Sizes, Skeleton};
 
 /// Puts a pristine world's robot at these coordinates.
 pub(super) fn write(world: &mut World, skeleton: &Skeleton, positions: &[f64], velocities: &[f64]) {

@@ -95,14 +95,24 @@ impl Inertia {
         Self { mass, centre, matrix: about(self) + about(other) }
     }
 
-    /// As the engine wants it. Axes are searched for only where the given ones are not principal.
+    /// Whether it resists every push and turn.
+    pub fn is_solid(&self) -> bool {
+        let [x, y, z] = [self.matrix.x_axis.x, self.matrix.y_axis.y, self.matrix.z_axis.z];
+        [self.mass, x, y, z].iter().all(|m| *m > 0.0 && m.is_finite())
+    }
+
+    /// As the engine wants it: axes are searched for only where the given ones are not principal, and a link without
+    /// mass gets an inertia that the engine can invert.
     pub fn to_engine(self) -> MassProperties {
-        let m = self.matrix.to_cols_array();
+        const NEXT_TO_NOTHING: f64 = 1e-12;
+        let matrix =
+            if self.is_solid() { self.matrix } else { DMat3::from_diagonal(DVec3::splat(NEXT_TO_NOTHING)) };
+        let m = matrix.to_cols_array();
         if [m[1], m[2], m[5]].iter().all(|x| *x == 0.0) {
             let diagonal = DVec3::new(m[0], m[4], m[8]);
             MassProperties::with_principal_inertia_frame(self.centre, self.mass, diagonal, DQuat::IDENTITY)
         } else {
-            MassProperties::with_inertia_matrix(self.centre, self.mass, self.matrix)
+            MassProperties::with_inertia_matrix(self.centre, self.mass, matrix)
         }
     }
 }
@@ -138,8 +148,8 @@ mod tests {
         let axial = cylinder * 0.01 / 2.0 + sphere * 0.01 * 0.4;
         assert!((capsule.matrix.x_axis.x - axial).abs() < 1e-12);
         // Across: m(L²/12 + r²/4), and each half sphere 2/5 r² with its centre 3/8 r beyond the end.
-        let across = cylinder * (0.16 / 12.0 + 0.01 / 4.0)
-            + sphere * (0.4 * 0.01 + 0.04 + 2.0 * 0.2 * 0.375 * 0.1);
+        let across =
+            cylinder * (0.16 / 12.0 + 0.01 / 4.0) + sphere * (0.4 * 0.01 + 0.04 + 2.0 * 0.2 * 0.375 * 0.1);
         assert!((capsule.matrix.y_axis.y - across).abs() < 1e-9, "{} {across}", capsule.matrix.y_axis.y);
     }
 

@@ -7,9 +7,11 @@ mod engine;
 mod inertia;
 mod motors;
 mod segment;
+mod settings;
 mod shape;
 mod skeleton;
 mod unsupported;
 
 pub use config::RapierConfig;
-pub use engine::{Division, RapierBody};
+pub use engine::RapierBody;
+pub use settings::Division;

@@ -49,7 +49,9 @@ impl<'a> Segment<'a> {
             JointType::Free => {
                 Ok(Self { joints: vec![joint], free: true, axes: Vec::new(), frame: Pose::IDENTITY })
             }
-            JointType::Ball => Err(format!("joint `{label}`: ball joints are not supported: use three hinges")),
+            JointType::Ball => {
+                Err(format!("joint `{label}`: ball joints are not supported: use three hinges"))
+            }
             JointType::Hinge | JointType::Slide => {
                 Self::fuse(vec![joint]).ok_or_else(|| format!("joint `{label}`: its axis has no length"))
             }
@@ -159,8 +161,7 @@ mod tests {
 
     #[test]
     fn slides_that_are_not_at_right_angles_follow_each_other() {
-        let joints =
-            [joint(JointType::Slide, [1.0, 0.0, 0.0]), joint(JointType::Slide, [1.0, 0.0, 1.0])];
+        let joints = [joint(JointType::Slide, [1.0, 0.0, 0.0]), joint(JointType::Slide, [1.0, 0.0, 1.0])];
         assert_eq!(Segment::of(&joints).unwrap().len(), 2);
     }
 

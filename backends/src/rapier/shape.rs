@@ -23,9 +23,9 @@ pub(super) enum Form {
 /// A geom in the frame of what carries it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Shape {
-    /// Its body in the order of the file, without the world; none for the world's own geoms.
-    pub body: Option<usize>,
-    /// Its place on its link.
+    /// Its body in the order of the file, without the world; meaningless for the world's own geoms.
+    pub body: usize,
+    /// Its place on its link, or in the world.
     pub pose: Pose,
     pub form: Form,
     /// Sliding friction coefficient.
@@ -117,6 +117,22 @@ impl Form {
 }
 
 impl Shape {
+    /// Signed distance from this shape, on a link at `link`, to a plane of the world, m.
+    pub fn gap_above(&self, plane: &Self, link: &Pose) -> f64 {
+        let pose = *link * self.pose;
+        let normal = plane.pose.rotation * DVec3::Z;
+        let height = (pose.translation - plane.pose.translation).dot(normal);
+        // The plane's normal as the form sees it.
+        let down = (pose.rotation.inverse() * normal).abs();
+        height
+            - match self.form {
+                Form::Plane => 0.0,
+                Form::Sphere { radius } => radius,
+                Form::Capsule { half, radius } => half * down.z + radius,
+                Form::Box { half } => half.dot(down),
+            }
+    }
+
     /// Whether MuJoCo's rule lets these two touch.
     pub fn meets(&self, other: &Self) -> bool {
         self.contype & other.conaffinity != 0 || other.contype & self.conaffinity != 0
@@ -146,6 +162,26 @@ mod tests {
         let mesh = Form::of_geom(&geom(GeomType::Mesh, [0.0; 3], None)).unwrap_err();
         assert!(mesh.contains("Mesh"), "{mesh}");
         assert!(Form::of_geom(&geom(GeomType::Sphere, [0.0; 3], None)).is_err());
+    }
+
+    #[test]
+    fn gaps_are_those_of_the_lowest_point() {
+        let at = |form, pose| Shape { body: 0, pose, form, friction: 0.0, contype: 1, conaffinity: 1 };
+        let floor = at(Form::Plane, Pose::from_translation(DVec3::new(5.0, 0.0, 1.0)));
+        let link =
+            Pose::from_parts(DVec3::new(0.0, 0.0, 3.0), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_4));
+        let edge = 0.5f64.sqrt();
+        // Half a metre down the turned x axis, then the form's own reach along the vertical.
+        let down = Pose::from_translation(DVec3::new(0.5, 0.0, 0.0));
+        let cases = [
+            (Form::Sphere { radius: 0.2 }, 0.2),
+            (Form::Capsule { half: 0.3, radius: 0.1 }, 0.3 * edge + 0.1),
+            (Form::Box { half: DVec3::new(0.1, 0.4, 0.2) }, 0.3 * edge),
+        ];
+        for (form, reach) in cases {
+            let gap = at(form, down).gap_above(&floor, &link);
+            assert!((gap - (2.0 - 0.5 * edge - reach)).abs() < 1e-12, "{form:?}: {gap}");
+        }
     }
 
     #[test]

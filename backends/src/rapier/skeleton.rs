@@ -134,6 +134,11 @@ impl Skeleton {
                 link.inertia = link.inertia.scaled(scale);
             }
         }
+        for place in &this.places {
+            if place.link.is_some_and(|link| !this.links[link].inertia.is_solid()) {
+                return Err(format!("body `{}` can move but has no mass or no inertia", place.name));
+            }
+        }
         for (index, actuator) in model.actuators.iter().enumerate() {
             let motor = joints.iter().find(|(name, _)| actuator.joint.is_some() && *name == actuator.joint);
             let label = actuator.name.clone().unwrap_or_else(|| index.to_string());
@@ -188,7 +193,7 @@ impl Skeleton {
                 return Err(format!("geom `{}`: a plane must belong to the world", label()));
             }
             let shape = Shape {
-                body: id.checked_sub(1),
+                body: id.saturating_sub(1),
                 pose: pose * at,
                 form,
                 friction: geom.friction[0],
@@ -253,7 +258,11 @@ impl Freedom {
 }
 
 fn name(model: &Model, id: usize) -> String {
-    model.bodies[id].body.name.clone().unwrap_or_else(|| if id == 0 { "world".into() } else { id.to_string() })
+    model.bodies[id]
+        .body
+        .name
+        .clone()
+        .unwrap_or_else(|| if id == 0 { "world".into() } else { id.to_string() })
 }
 
 #[cfg(test)]
@@ -296,11 +305,18 @@ mod tests {
     #[test]
     fn a_missing_joint_of_an_actuator_is_named() {
         let error = skeleton(
-            r#"<mujoco><worldbody><body><joint name="a"/></body></worldbody>
+            r#"<mujoco><worldbody><body><joint name="a"/><geom size="1"/></body></worldbody>
                <actuator><motor name="push" joint="b"/></actuator></mujoco>"#,
         )
         .unwrap_err();
         assert!(error.contains("push"), "{error}");
+    }
+
+    #[test]
+    fn a_moving_body_without_mass_is_named() {
+        let xml = r#"<mujoco><worldbody><body name="ghost"><joint/></body></worldbody></mujoco>"#;
+        let error = skeleton(xml).unwrap_err();
+        assert!(error.contains("ghost"), "{error}");
     }
 
     #[test]

@@ -19,9 +19,7 @@ pub(super) fn refuse(model: &Model) -> Result<(), String> {
     if !model.contact.pairs.is_empty() || !model.contact.excludes.is_empty() {
         return no("`<contact>` pairs and excludes (use `contype` and `conaffinity`) are");
     }
-    if model.compiler.bound_mass > 0.0
-        || model.compiler.bound_inertia > 0.0
-        || model.compiler.balance_inertia
+    if model.compiler.bound_mass > 0.0 || model.compiler.bound_inertia > 0.0 || model.compiler.balance_inertia
     {
         return no("`<compiler>` boundmass, boundinertia and balanceinertia are");
     }
@@ -91,7 +89,9 @@ mod tests {
         let cases = [
             (format!("{plain}<equality><joint joint1=\"knee\" joint2=\"knee\"/></equality>"), "equality"),
             (
-                format!("{plain}<tendon><fixed name=\"cord\"><joint joint=\"knee\" coef=\"1\"/></fixed></tendon>"),
+                format!(
+                    "{plain}<tendon><fixed name=\"cord\"><joint joint=\"knee\" coef=\"1\"/></fixed></tendon>"
+                ),
                 "cord",
             ),
             (format!("{plain}<actuator><position name=\"servo\" joint=\"knee\"/></actuator>"), "servo"),

@@ -45,7 +45,9 @@ impl Learner {
         }
         if let Some(log_std) = self.log_std.iter().find(|log_std| !LOG_STD_RANGE.contains(*log_std)) {
             let (low, high) = (LOG_STD_RANGE.start(), LOG_STD_RANGE.end());
-            return Some(format!("a log standard deviation of the policy is {log_std}, outside {low} to {high}"));
+            return Some(format!(
+                "a log standard deviation of the policy is {log_std}, outside {low} to {high}"
+            ));
         }
         // Written so that NaN is caught.
         if kl <= MAX_KL {
