@@ -180,7 +180,9 @@ impl Experiment {
     /// Finds every fault that only the whole config shows, and those that plugins find in their own tables. Ranges of
     /// single fields have been checked against the schema before.
     pub fn validate(&self, faults: &mut Faults) {
+        let before = faults.found().len();
         faults.within("simulator", |faults| self.simulator.validate(faults));
+        let told = faults.found().len() > before;
         faults.within("teacher", |faults| self.teacher.validate(faults));
         faults.within("option_learner", |faults| self.option_learner.validate(faults));
         faults.within("selector", |faults| self.selector.validate(faults));
@@ -202,6 +204,8 @@ impl Experiment {
                     "false needs a simulator whose state can be set".to_owned()
                 });
             }
+            // The simulator's own table says it better.
+            Err(_) if told => {}
             Err(error) => faults.add("simulator", error.to_string()),
         }
     }

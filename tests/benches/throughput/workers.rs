@@ -38,7 +38,9 @@ pub fn run() -> Result<(), Box<dyn Error>> {
     println!("  engine  workers are   one, s   two, s   one/two   processor time two/one");
     for engine in ENGINES {
         let program = simulator(engine, ROBOT).worker();
-        if let Some(program) = program.filter(|program| !Beside::path(program).is_ok_and(|path| path.is_file())) {
+        if let Some(program) =
+            program.filter(|program| !Beside::path(program).is_ok_and(|path| path.is_file()))
+        {
             println!("  {engine:<7} left out: `tests/set-up` builds {program} with the release profile");
             continue;
         }
