@@ -181,9 +181,10 @@ impl Simulator for CartPole {
         check_action(action)?;
         let push = f64::from(action[0].clamp(-1.0, 1.0));
         let acceleration = self.acceleration(self.config.force * push);
-        for i in 0..2 {
-            self.velocity[i] += acceleration[i] * CONTROL_STEP;
-            self.position[i] += self.velocity[i] * CONTROL_STEP;
+        let motion = self.velocity.iter_mut().zip(&mut self.position);
+        for ((velocity, position), acceleration) in motion.zip(acceleration) {
+            *velocity += acceleration * CONTROL_STEP;
+            *position += *velocity * CONTROL_STEP;
         }
         self.elapsed = Some(elapsed + 1);
         let [place, angle] = self.position;
