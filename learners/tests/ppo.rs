@@ -152,6 +152,17 @@ fn a_checkpoint_of_another_training_is_refused() {
 }
 
 #[test]
+fn epochs_end_when_the_policy_has_moved_far_enough() {
+    let policy = |epochs, target_kl| {
+        let config = PpoConfig { epochs, target_kl, ..small() };
+        train_on(&wide(), &config, &mut Unwatched).unwrap().policy
+    };
+    // Any movement is too much: one epoch and no second.
+    assert_eq!(policy(5, 1e-12), policy(1, 1000.0));
+    assert_ne!(policy(5, 1000.0), policy(1, 1000.0));
+}
+
+#[test]
 fn an_absurd_learning_rate_is_reported_as_divergence() {
     let config = PpoConfig { learning_rate: 1e3, ..small() };
     match train_on(&wide(), &config, &mut Unwatched).unwrap_err() {

@@ -221,22 +221,24 @@ impl<'a> Training<'a> {
         normalize(&mut experience.advantages);
     }
 
-    /// Epochs of gradient steps on shuffled minibatches. Returns how far the policy moved, as the mean over the last
-    /// epoch; the error says why it cannot go on.
-    fn improve(&mut self, learner: &mut Learner, iteration: u64) -> Result<f64, String> {
+    /// Epochs of gradient steps on shuffled minibatches. Returns how far the policy moved, as the median over the
+    /// minibatches of the last epoch: single actions that have become likely beyond measure make a mean useless. The
+    /// error says why it cannot go on.
+    fn improve(&mut self, learner: &mut Learner, iteration: u64) -> Result<f32, String> {
         let rate = self.config.rate(iteration);
         let mut order: Vec<usize> = (0..self.config.rollout_steps).collect();
         let mut shuffler = self.seed.child("shuffle").index(iteration).stream();
         let mut moved = 0.0;
         for _ in 0..self.config.epochs {
             order.shuffle(&mut shuffler);
-            moved = 0.0;
+            let mut divergences = Vec::with_capacity(order.len() / self.config.minibatch);
             for rows in order.chunks_exact(self.config.minibatch) {
                 self.minibatch.gather(&self.experience, rows);
-                moved += f64::from(descend(self.config, &mut self.minibatch, learner, rate)?);
+                divergences.push(descend(self.config, &mut self.minibatch, learner, rate)?);
             }
-            moved /= (self.config.rollout_steps / self.config.minibatch) as f64;
-            if self.config.target_kl.is_some_and(|target| moved > 1.5 * target) {
+            divergences.sort_by(f32::total_cmp);
+            moved = divergences[divergences.len() / 2];
+            if f64::from(moved) >= self.config.target_kl {
                 break;
             }
         }
