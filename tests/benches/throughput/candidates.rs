@@ -17,12 +17,14 @@ use crate::median;
 use crate::processor_time::of_thread;
 use crate::robots::{STEPS, linked, option, simulator, swinging};
 
-const CONTEXTS: u64 = 24;
-const ROUNDS: usize = 31;
+const CONTEXTS: u64 = 16;
+const ROUNDS: usize = 21;
 
 /// Prints a line for every robot in every engine.
 pub fn run() -> Result<(), Box<dyn Error>> {
-    println!("  processor time a control step, sums of the contexts' medians of {ROUNDS} rounds; aim: at least 0.95");
+    println!(
+        "  processor time a control step, sums of the contexts' medians of {ROUNDS} rounds; aim: at least 0.95"
+    );
     println!("  engine  robot          mean steps   bare us   elo us   bare/elo");
     for engine in linked() {
         for robot in NAMES {

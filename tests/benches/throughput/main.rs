@@ -20,7 +20,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let sections: [(&str, Section); 3] =
         [("candidates", candidates::run), ("workers", workers::run), ("ppo", ppo::run)];
     // Cargo adds `--bench`.
-    let asked: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let asked: Vec<String> =
+        std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
     if let Some(unknown) = asked.iter().find(|name| sections.iter().all(|(section, _)| section != name)) {
         return Err(format!("no section `{unknown}`; there are candidates, workers and ppo").into());
     }

@@ -18,12 +18,14 @@ use crate::timed::{Timed, take_seconds};
 const ROBOT: &str = "half-cheetah";
 const MJCF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../backends/src/locomotion/robots/half-cheetah.xml");
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/sb3_ppo.py");
-const STEPS: u64 = 8 * 2048;
-const ROUNDS: usize = 5;
+const STEPS: u64 = 4 * 2048;
+const ROUNDS: usize = 3;
 
 /// Prints a line for every engine, and the comparison.
 pub fn run() -> Result<(), Box<dyn Error>> {
-    println!("  {ROBOT}, 2048 steps an iteration, minibatch 64, 10 epochs, 64 x 64, one thread; medians of {ROUNDS}");
+    println!(
+        "  {ROBOT}, 2048 steps an iteration, minibatch 64, 10 epochs, 64 x 64, one thread; medians of {ROUNDS}"
+    );
     println!("  engine  steps/s of processor time   simulator   acting and advantages   updates");
     let engines = linked();
     let baseline = engines.contains(&"mujoco") && has_baseline();
@@ -44,7 +46,10 @@ pub fn run() -> Result<(), Box<dyn Error>> {
         println!("  {engine:<7} {rate:25.0}   {simulator:>9}   {acting:>21}   {}", share(updates));
         if !theirs.is_empty() {
             let theirs = median(theirs);
-            println!("  Stable-Baselines3 on MuJoCo, in turn: {theirs:.0} steps/s; elo/SB3 {:.2}", rate / theirs);
+            println!(
+                "  Stable-Baselines3 on MuJoCo, in turn: {theirs:.0} steps/s; elo/SB3 {:.2}",
+                rate / theirs
+            );
         }
     }
     Ok(())
@@ -67,7 +72,8 @@ fn training(engine: &str, epochs: usize) -> Result<Costs, Box<dyn Error>> {
     let config = PpoConfig { steps: STEPS, epochs, d0_share: 0.0, ..PpoConfig::default() };
     let (timed, task, initial_states) =
         (Timed(simulator(engine, ROBOT)), Task::default(), InitialStates::default());
-    let lesson = Lesson { simulator: &timed, task: &task, initial_states: &initial_states, seed: Seed::root(1) };
+    let lesson =
+        Lesson { simulator: &timed, task: &task, initial_states: &initial_states, seed: Seed::root(1) };
     take_seconds();
     let (begin, begin_elapsed) = (of_thread(), Instant::now());
     config.train(&lesson, &mut Unwatched)?;

@@ -27,7 +27,10 @@ pub fn of_family() -> f64 {
                 libc::getrusage(who, &mut usage);
                 usage
             };
-            [usage.ru_utime, usage.ru_stime].iter().map(|t| t.tv_sec as f64 + t.tv_usec as f64 * 1e-6).sum::<f64>()
+            [usage.ru_utime, usage.ru_stime]
+                .iter()
+                .map(|t| t.tv_sec as f64 + t.tv_usec as f64 * 1e-6)
+                .sum::<f64>()
         };
         spent(libc::RUSAGE_SELF) + spent(libc::RUSAGE_CHILDREN)
     }

@@ -4,7 +4,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use elo_core::fault::Faults;
-use elo_core::simulator::{BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State};
+use elo_core::simulator::{
+    BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
+};
 use elo_core::spec::SimulatorSpec;
 use elo_core::task::Task;
 use serde::{Deserialize, Serialize};
