@@ -17,8 +17,8 @@ use crate::median;
 use crate::processor_time::of_thread;
 use crate::robots::{STEPS, linked, option, simulator, swinging};
 
-const CONTEXTS: u64 = 24;
-const ROUNDS: usize = 31;
+const CONTEXTS: u64 = 16;
+const ROUNDS: usize = 21;
 
 /// Prints a line for every robot in every engine.
 pub fn run() -> Result<(), Box<dyn Error>> {

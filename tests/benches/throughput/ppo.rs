@@ -18,8 +18,8 @@ use crate::timed::{Timed, take_seconds};
 const ROBOT: &str = "half-cheetah";
 const MJCF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../backends/src/locomotion/robots/half-cheetah.xml");
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/sb3_ppo.py");
-const STEPS: u64 = 8 * 2048;
-const ROUNDS: usize = 5;
+const STEPS: u64 = 4 * 2048;
+const ROUNDS: usize = 3;
 
 /// Prints a line for every engine, and the comparison.
 pub fn run() -> Result<(), Box<dyn Error>> {

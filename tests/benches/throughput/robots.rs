@@ -35,12 +35,12 @@ pub fn simulator(engine: &str, robot: &str) -> Box<dyn SimulatorConfig> {
     }
 }
 
-/// The actions of an option, row after row: every joint swings by 0.4 at its own pace.
+/// The actions of an option, row after row: every joint swings by 0.15 at its own pace.
 pub fn swinging(spec: &SimulatorSpec, seed: &Seed) -> Vec<f32> {
     let mut stream = seed.stream();
     let joints: Vec<[f32; 2]> = (0..spec.action_size()).map(|_| [stream.random(), stream.random()]).collect();
     let swing = |step: usize, [pace, phase]: &[f32; 2]| {
-        0.4 * (step as f32 * (0.1 + 0.2 * pace) + phase * std::f32::consts::TAU).sin()
+        0.15 * (step as f32 * (0.1 + 0.2 * pace) + phase * std::f32::consts::TAU).sin()
     };
     (0..STEPS).flat_map(|step| joints.iter().map(move |joint| swing(step, joint))).collect()
 }
