@@ -45,9 +45,10 @@ impl Exit {
 impl fmt::Display for Exit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Failed(message) | Self::BadInput(message) | Self::Held(message) | Self::Interrupted(message) => {
-                f.write_str(message)
-            }
+            Self::Failed(message)
+            | Self::BadInput(message)
+            | Self::Held(message)
+            | Self::Interrupted(message) => f.write_str(message),
             Self::ReaderGone => f.write_str("the reader of the output has gone"),
         }
     }

@@ -13,12 +13,14 @@ use elo_core::worker::{Limits, WorkerFault, WorkerProcess};
 pub struct Beside;
 
 /// What to run when a worker program is missing.
-pub const SET_UP: &str = "run `tests/set-up` in the repository, which places MuJoCo under target/ and builds the worker";
+pub const SET_UP: &str =
+    "run `tests/set-up` in the repository, which places MuJoCo under target/ and builds the worker";
 
 impl Beside {
     /// Where `program` is, or what to do where it is not.
     pub fn find(program: &str) -> Result<PathBuf, String> {
-        let here = std::env::current_exe().map_err(|error| format!("cannot tell where this program is: {error}"))?;
+        let here =
+            std::env::current_exe().map_err(|error| format!("cannot tell where this program is: {error}"))?;
         let path = here.with_file_name(program);
         if path.is_file() { Ok(path) } else { Err(format!("{} is missing: {SET_UP}", path.display())) }
     }

@@ -14,7 +14,9 @@ pub fn watch() -> std::io::Result<Arc<AtomicBool>> {
         signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop))?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
         // SAFETY: storing to an atomic is async-signal-safe.
-        unsafe { signal_hook::low_level::register(signal, move || SIGNAL.store(signal as usize, Ordering::Relaxed)) }?;
+        unsafe {
+            signal_hook::low_level::register(signal, move || SIGNAL.store(signal as usize, Ordering::Relaxed))
+        }?;
     }
     Ok(stop)
 }

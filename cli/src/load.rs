@@ -37,7 +37,11 @@ pub fn from_text(
     if faults.found().is_empty() {
         reading.config.validate(&mut faults);
     }
-    if faults.found().is_empty() { Ok(reading.config) } else { Err(bad(reading.places.error(faults.into_found()))) }
+    if faults.found().is_empty() {
+        Ok(reading.config)
+    } else {
+        Err(bad(reading.places.error(faults.into_found())))
+    }
 }
 
 fn read_text(path: &Path) -> Result<String, Exit> {

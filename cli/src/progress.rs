@@ -42,8 +42,9 @@ impl Watcher for Progress {
     fn begin(&self, stage: &str, units: usize, ready: usize) {
         let bar = self.terminal.then(|| {
             let bar = ProgressBar::new((units as f64 * PARTS) as u64);
-            let style = ProgressStyle::with_template("{prefix:>22} [{bar:40}] {percent:>3} %  {elapsed}, {eta} left")
-                .expect("the template is constant");
+            let style =
+                ProgressStyle::with_template("{prefix:>22} [{bar:40}] {percent:>3} %  {elapsed}, {eta} left")
+                    .expect("the template is constant");
             bar.set_style(style);
             bar.set_prefix(stage.to_owned());
             bar.set_position((ready as f64 * PARTS) as u64);

@@ -31,7 +31,13 @@ pub fn report(report: &Report, confidence: f64) -> String {
         report.reference.standard_deviation
     );
     for set in &report.sets {
-        let _ = writeln!(text, "\n{}: score {} (on the selecting contexts {:.3})", set.metric, interval(&set.score, 3), set.selection_score);
+        let _ = writeln!(
+            text,
+            "\n{}: score {} (on the selecting contexts {:.3})",
+            set.metric,
+            interval(&set.score, 3),
+            set.selection_score
+        );
         heading(&mut text);
         line(&mut text, "the set", &set.row);
         for option in &set.options {
@@ -55,7 +61,10 @@ pub fn evaluation(evaluation: &Evaluation) -> String {
     let mut text = String::new();
     let Evaluation { metric, robot, engine, seed, contexts, .. } = evaluation;
     let (name, version) = (&engine.name, &engine.version);
-    let _ = writeln!(text, "\n{metric} set of {robot} in {name} {version}: {contexts} fresh contexts, seed {seed}");
+    let _ = writeln!(
+        text,
+        "\n{metric} set of {robot} in {name} {version}: {contexts} fresh contexts, seed {seed}"
+    );
     heading(&mut text);
     line(&mut text, "the set", &evaluation.set);
     for row in &evaluation.options {

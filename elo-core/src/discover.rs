@@ -9,6 +9,7 @@ use crate::context::Split;
 use crate::crew::{Crew, RunError, Unit};
 use crate::experiment::{EvaluationTasks, Experiment};
 use crate::key::Key;
+use crate::performer::Performer;
 use crate::policy::PolicyRecord;
 use crate::returns::ReturnTable;
 use crate::rollout::{Rollout, price};
@@ -16,12 +17,12 @@ use crate::seed::Seed;
 use crate::select::{Bench, Scoring, SelectError, Selection};
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
-use crate::units::evaluate::{Behavior, Evaluate, Place, RolloutTable, Subject};
+use crate::units::Span;
+use crate::units::evaluate::{Evaluate, RolloutTable};
 use crate::units::learn::{self, Learn};
 use crate::units::prepare::{self, Prepare, TaskSource};
 use crate::units::record::{self, Record, Recording};
 use crate::units::train::{TeacherResult, Train};
-use crate::units::Span;
 
 /// Contexts of one unit. Candidates are measured in whole blocks of so many contexts.
 pub const CONTEXTS_PER_UNIT: usize = 50;
@@ -122,8 +123,10 @@ pub fn discover(experiment: &Experiment, crew: &Crew<'_>) -> Result<Discovery, R
 
     // (b) Estimate the return distribution of candidate options: execute each in Z random contexts. The selector says
     //     which candidates in which contexts; the contexts are common to all.
-    let contexts = run.prepare_contexts(Split::Select, experiment.discover.contexts, &run.selection_tasks(&teachers))?;
-    let mut bench = Measured { run: &run, candidates: &candidates, contexts: &contexts, rollouts: Vec::new() };
+    let contexts =
+        run.prepare_contexts(Split::Select, experiment.discover.contexts, &run.selection_tasks(&teachers))?;
+    let mut bench =
+        Measured { run: &run, candidates: &candidates, contexts: &contexts, rollouts: Vec::new() };
 
     // (c) Select the top K candidates by each metric ψ.
     let teacher_mean = mean(candidates.iter().map(|candidate| candidate.teacher_return));
@@ -220,7 +223,8 @@ impl<'a> Run<'a> {
             .into(),
             inputs: usable().map(|teacher| teacher.key).collect(),
         };
-        let units: Vec<Unit> = Span::cut(sizes.candidates, RECORDINGS_PER_UNIT).into_iter().map(unit).collect();
+        let units: Vec<Unit> =
+            Span::cut(sizes.candidates, RECORDINGS_PER_UNIT).into_iter().map(unit).collect();
         let keys = self.crew.complete("recordings", &units)?;
         let positions: Vec<usize> = (0..teachers.len()).filter(|m| teachers[*m].usable).collect();
         keys.into_iter()
@@ -285,7 +289,12 @@ impl<'a> Run<'a> {
     ///
     /// # Errors
     /// See [`RunError`].
-    pub fn prepare_contexts(&self, split: Split, count: usize, tasks: &TaskSource) -> Result<ContextSet, RunError> {
+    pub fn prepare_contexts(
+        &self,
+        split: Split,
+        count: usize,
+        tasks: &TaskSource,
+    ) -> Result<ContextSet, RunError> {
         let unit = |span: Span| Unit {
             work: Prepare {
                 simulator: duplicate(&self.experiment.simulator),
@@ -357,12 +366,15 @@ impl<'a> Run<'a> {
             };
             Unit { work: work.into(), inputs }
         };
-        let units: Vec<Unit> = groups.iter().flat_map(|g| blocks.clone().map(|block| unit(g, block))).collect();
+        let units: Vec<Unit> =
+            groups.iter().flat_map(|g| blocks.clone().map(|block| unit(g, block))).collect();
         let keys = self.crew.complete(stage, &units)?;
         let mut rollouts = Vec::new();
         for (group, keys) in groups.iter().zip(keys.chunks(blocks.len().max(1))) {
-            let tables: Vec<RolloutTable> =
-                keys.iter().map(|key| Ok(RolloutTable::decode(&self.crew.result(key)?)?)).collect::<Result<_, RunError>>()?;
+            let tables: Vec<RolloutTable> = keys
+                .iter()
+                .map(|key| Ok(RolloutTable::decode(&self.crew.result(key)?)?))
+                .collect::<Result<_, RunError>>()?;
             let whole = |s: usize| tables.iter().flat_map(|table| table.row(s).iter().cloned()).collect();
             rollouts.extend((0..group.len()).map(whole));
         }
@@ -377,59 +389,6 @@ impl<'a> Run<'a> {
         let options = learn::decode(&self.crew.result(&candidate.key)?)?;
         let option = options.into_iter().nth(candidate.item).flatten();
         option.ok_or_else(|| RunError::Config(format!("candidate {} has no option", candidate.number)))
-    }
-}
-
-/// Somebody to be run in contexts: a name, and what it does with which units' results.
-#[derive(Debug)]
-pub struct Performer {
-    /// Unique in the run.
-    pub name: String,
-    /// What it does.
-    pub role: PerformerRole,
-}
-
-/// What a performer does.
-#[derive(Debug)]
-pub enum PerformerRole {
-    /// Something that needs no other unit.
-    Plain(fn() -> Behavior),
-    /// An untrained teacher.
-    Untrained(Box<dyn crate::policy::TeacherConfig>, Seed),
-    /// The teacher of a unit.
-    Teacher(Box<dyn crate::policy::TeacherConfig>, Key),
-    /// The infant agent with these options.
-    Infant(Vec<(Key, usize)>),
-}
-
-impl Performer {
-    /// A candidate by itself.
-    pub fn candidate(candidate: &Candidate) -> Self {
-        let role = PerformerRole::Infant(vec![(candidate.key, candidate.item)]);
-        Self { name: format!("option {}", candidate.number), role }
-    }
-
-    fn subject(&self, inputs: &mut Vec<Key>) -> Subject {
-        let mut place = |key: &Key| {
-            inputs.iter().position(|known| known == key).unwrap_or_else(|| {
-                inputs.push(*key);
-                inputs.len() - 1
-            })
-        };
-        let behavior = match &self.role {
-            PerformerRole::Plain(behavior) => behavior(),
-            PerformerRole::Untrained(teacher, seed) => {
-                Behavior::Untrained { teacher: duplicate(teacher), seed: seed.clone() }
-            }
-            PerformerRole::Teacher(teacher, key) => {
-                Behavior::Teacher { teacher: duplicate(teacher), input: place(key) }
-            }
-            PerformerRole::Infant(options) => {
-                let options = options.iter().map(|(key, item)| Place { input: place(key), item: *item }).collect();
-                Behavior::Infant { options, primitive_probability: 0.0 }
-            }
-        };
-        Subject { name: self.name.clone(), behavior }
     }
 }
 
@@ -471,7 +430,11 @@ impl Bench for Measured<'_> {
         let mut rows: BTreeMap<usize, Vec<Option<f64>>> = BTreeMap::new();
         for (id, rollouts) in groups.values().flatten().zip(rollouts) {
             let prices = &self.contexts.prices[contexts.clone()];
-            let row = rollouts[skipped..].iter().zip(prices).map(|(rollout, prices)| value(rollout, prices)).collect();
+            let row = rollouts[skipped..]
+                .iter()
+                .zip(prices)
+                .map(|(rollout, prices)| value(rollout, prices))
+                .collect();
             rows.insert(*id, row);
             self.rollouts[*id] = rollouts;
         }
@@ -487,9 +450,9 @@ pub fn value(rollout: &Rollout, prices: &[f64]) -> Option<f64> {
 
 fn unwrap_select(error: SelectError) -> RunError {
     match error {
-        SelectError::Measure(inner) => {
-            inner.downcast::<RunError>().map_or_else(|other| RunError::Select(other.to_string()), |inner| *inner)
-        }
+        SelectError::Measure(inner) => inner
+            .downcast::<RunError>()
+            .map_or_else(|other| RunError::Select(other.to_string()), |inner| *inner),
         failures @ SelectError::Failures { .. } => RunError::Select(failures.to_string()),
     }
 }

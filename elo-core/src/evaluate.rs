@@ -4,9 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::context::Split;
 use crate::crew::RunError;
-use crate::discover::{Performer, PerformerRole, Run};
+use crate::discover::Run;
 use crate::figures::{Comparison, Row, Yardstick};
 use crate::option_set::OptionSet;
+use crate::performer::{Performer, PerformerRole};
 use crate::report::statistics;
 use crate::rollout::Rollout;
 use crate::simulator::Engine;
@@ -55,7 +56,8 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
         name: format!("option {}", manifest.options[item].number),
         role: PerformerRole::Infant(vec![(key, item)]),
     };
-    let plain = |name: &str, behavior| Performer { name: name.to_owned(), role: PerformerRole::Plain(behavior) };
+    let plain =
+        |name: &str, behavior| Performer { name: name.to_owned(), role: PerformerRole::Plain(behavior) };
     let groups: Vec<Vec<Performer>> = (0..set.options.len())
         .map(|item| vec![option(item)])
         .chain([vec![

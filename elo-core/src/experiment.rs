@@ -180,7 +180,9 @@ impl Experiment {
     /// Finds every fault that only the whole config shows, and those that plugins find in their own tables. Ranges of
     /// single fields have been checked against the schema before.
     pub fn validate(&self, faults: &mut Faults) {
+        let before = faults.found().len();
         faults.within("simulator", |faults| self.simulator.validate(faults));
+        let told = faults.found().len() > before;
         faults.within("teacher", |faults| self.teacher.validate(faults));
         faults.within("option_learner", |faults| self.option_learner.validate(faults));
         faults.within("selector", |faults| self.selector.validate(faults));
@@ -189,7 +191,9 @@ impl Experiment {
         faults.within("discover", |faults| self.discover.validate(faults));
         faults.within("report", |faults| {
             let plan = &self.report;
-            faults.check(plan.alpha.is_finite(), "alpha", || format!("expected a finite number, got {}", plan.alpha));
+            faults.check(plan.alpha.is_finite(), "alpha", || {
+                format!("expected a finite number, got {}", plan.alpha)
+            });
         });
         match self.simulator.spec() {
             Ok(spec) => {
@@ -200,12 +204,16 @@ impl Experiment {
                     "false needs a simulator whose state can be set".to_owned()
                 });
             }
+            // The simulator's own table says it better.
+            Err(_) if told => {}
             Err(error) => faults.add("simulator", error.to_string()),
         }
     }
 
     fn validate_metrics(&self, faults: &mut Faults) {
-        faults.check(!self.metrics.is_empty(), "metrics", || "expected at least one [[metrics]] table".to_owned());
+        faults.check(!self.metrics.is_empty(), "metrics", || {
+            "expected at least one [[metrics]] table".to_owned()
+        });
         let labels: Vec<String> = self.metrics.iter().map(|metric| metric.label()).collect();
         for (i, metric) in self.metrics.iter().enumerate() {
             faults.within(&format!("metrics[{i}]"), |faults| {

@@ -85,10 +85,13 @@ impl Yardstick<'_> {
         let fallen =
             |j: usize| members.iter().filter(|member| member[j].ending == Ending::Terminated).count() as f64;
         let all = || members.iter().flat_map(|member| member.iter());
-        let member_value = |member: &&[Rollout], j: usize| value(&member[j], &prices[j]).unwrap_or(self.return_floor);
+        let member_value =
+            |member: &&[Rollout], j: usize| value(&member[j], &prices[j]).unwrap_or(self.return_floor);
         Sample {
             name: name.to_owned(),
-            returns: (0..prices.len()).map(|j| members.iter().map(|m| member_value(m, j)).collect()).collect(),
+            returns: (0..prices.len())
+                .map(|j| members.iter().map(|m| member_value(m, j)).collect())
+                .collect(),
             falls: (0..prices.len()).map(|j| fallen(j) / members.len() as f64).collect(),
             failures: all().filter(|r| !r.ending.is_valid()).count() as f64 / count,
             mean_length: all().map(|r| f64::from(r.length)).sum::<f64>() / count,
@@ -102,13 +105,18 @@ impl Yardstick<'_> {
     pub fn row(&self, sample: &Sample) -> Result<Row, StatisticsError> {
         let low = self.reference.mean - self.plan.alpha * self.reference.standard_deviation;
         let high = self.reference.mean;
-        let normal: Vec<Vec<f64>> =
-            sample.returns.iter().map(|values| values.iter().map(|v| self.scale.apply(*v)).collect()).collect();
+        let normal: Vec<Vec<f64>> = sample
+            .returns
+            .iter()
+            .map(|values| values.iter().map(|v| self.scale.apply(*v)).collect())
+            .collect();
         let share = |test: &dyn Fn(f64) -> bool| -> Vec<f64> {
-            let of = |values: &Vec<f64>| values.iter().filter(|v| test(**v)).count() as f64 / values.len() as f64;
+            let of =
+                |values: &Vec<f64>| values.iter().filter(|v| test(**v)).count() as f64 / values.len() as f64;
             normal.iter().map(of).collect()
         };
-        let normal_means: Vec<f64> = sample.context_means().iter().map(|value| self.scale.apply(*value)).collect();
+        let normal_means: Vec<f64> =
+            sample.context_means().iter().map(|value| self.scale.apply(*value)).collect();
         let iqm = |contexts: &[usize]| {
             let drawn: Vec<f64> = contexts.iter().flat_map(|j| normal[*j].iter().copied()).collect();
             interquartile_mean(&drawn).unwrap_or(f64::NAN)

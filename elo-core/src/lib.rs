@@ -18,6 +18,7 @@ pub mod fingerprint;
 pub mod key;
 pub mod metric;
 pub mod option_set;
+pub mod performer;
 pub mod plugin;
 pub mod policy;
 pub mod report;

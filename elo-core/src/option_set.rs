@@ -119,7 +119,8 @@ impl OptionSet {
             let reason = format!("option-set format {got}, this program reads format {OPTION_SET_FORMAT}");
             return Err(invalid(&path, reason));
         }
-        let manifest: Manifest = serde_json::from_value(value).map_err(|error| invalid(&path, error.to_string()))?;
+        let manifest: Manifest =
+            serde_json::from_value(value).map_err(|error| invalid(&path, error.to_string()))?;
         if manifest.options.is_empty() || manifest.options.len() > MAX_OPTIONS {
             let reason = format!("{} options, expected 1 to {MAX_OPTIONS}", manifest.options.len());
             return Err(invalid(&path, reason));
@@ -151,7 +152,10 @@ impl OptionSet {
             let format = formats.iter().find(|format| format.name == record.format).ok_or_else(|| {
                 let known: Vec<&str> = formats.iter().map(|format| format.name).collect();
                 let known = known.join(", ");
-                OptionSetError::Mismatch(format!("no plugin reads policies of format `{}` ({known})", record.format))
+                OptionSetError::Mismatch(format!(
+                    "no plugin reads policies of format `{}` ({known})",
+                    record.format
+                ))
             })?;
             let fault = |error| OptionSetError::Mismatch(format!("option {index}: {error}"));
             (format.load)(&record.tensors, spec).map_err(fault)

@@ -8,9 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::context::Split;
 use crate::crew::RunError;
-use crate::discover::{Candidate, ContextSet, Discovery, Performer, PerformerRole, Run, duplicate};
+use crate::discover::{Candidate, ContextSet, Discovery, Run, duplicate};
 use crate::figures::{Comparison, Row, Sample, Yardstick};
 use crate::metric::Reference;
+use crate::performer::{Performer, PerformerRole};
 use crate::returns::Scale;
 use crate::rollout::Rollout;
 use crate::simulator::Engine;
@@ -133,7 +134,8 @@ pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError>
     let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
     let contexts = run.prepare_contexts(Split::Report, run.experiment.report.contexts, &tasks)?;
 
-    let mut wanted: Vec<usize> = discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
+    let mut wanted: Vec<usize> =
+        discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
     let subsets = random_subsets(run, discovery.candidates.len());
     wanted.extend(subsets.iter().flatten());
     wanted.sort_unstable();
@@ -152,14 +154,21 @@ pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError>
     let subset_rows: Vec<&[Rollout]> = subsets.iter().flatten().map(|id| options[id].as_slice()).collect();
     let sample = |name: &str, rows: &[&[Rollout]]| view.yardstick.sample(name, rows, &contexts.prices);
     let mut baselines = vec![sample("random subsets of the candidates", &subset_rows)];
-    baselines.extend(names.iter().zip(&rollouts).map(|(name, rows)| {
-        sample(name, &rows.iter().map(Vec::as_slice).collect::<Vec<_>>())
-    }));
+    baselines.extend(
+        names
+            .iter()
+            .zip(&rollouts)
+            .map(|(name, rows)| sample(name, &rows.iter().map(Vec::as_slice).collect::<Vec<_>>())),
+    );
     let sets = (0..discovery.selection.choices.len())
         .map(|index| view.set(index, &options, &baselines))
         .collect::<Result<Vec<_>, _>>()
         .map_err(statistics)?;
-    let rows = baselines.iter().map(|sample| view.yardstick.row(sample)).collect::<Result<_, _>>().map_err(statistics)?;
+    let rows = baselines
+        .iter()
+        .map(|sample| view.yardstick.row(sample))
+        .collect::<Result<_, _>>()
+        .map_err(statistics)?;
     let report = view.report(sets, rows);
     Ok(HeldOut { report, contexts, options, baselines: names.into_iter().zip(rollouts).collect() })
 }
@@ -224,7 +233,10 @@ fn measure_baselines(
         .iter()
         .enumerate()
         .filter(|(_, t)| t.usable)
-        .map(|(m, t)| Performer { name: format!("teacher {m}"), role: PerformerRole::Teacher(teacher(), t.key) })
+        .map(|(m, t)| Performer {
+            name: format!("teacher {m}"),
+            role: PerformerRole::Teacher(teacher(), t.key),
+        })
         .collect();
     let groups = vec![
         one("random torque", PerformerRole::Plain(|| Behavior::RandomTorque)),
@@ -272,14 +284,18 @@ impl View<'_> {
             selection_score: mean(&scores)?,
             score: self.yardstick.score(metric, &sample)?,
             row: self.yardstick.row(&sample)?,
-            against: baselines.iter().map(|b| self.yardstick.compare(&sample, b)).collect::<Result<_, _>>()?,
+            against: baselines
+                .iter()
+                .map(|b| self.yardstick.compare(&sample, b))
+                .collect::<Result<_, _>>()?,
         })
     }
 
     fn report(&self, sets: Vec<SetReport>, baselines: Vec<Row>) -> Report {
         let Discovery { teachers, candidates, given_up, selection, .. } = self.discovery;
         let count = candidates.len().max(1) as f64;
-        let average = |values: &[u32]| values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64;
+        let average =
+            |values: &[u32]| values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64;
         Report {
             format: REPORT_FORMAT,
             robot: self.discovery.spec.robot.clone(),

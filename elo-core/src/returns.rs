@@ -130,12 +130,14 @@ impl Scale {
         match normaliser {
             Normaliser::None => (identity, None),
             Normaliser::Teacher if teacher_mean > 0.0 => (Self { offset: 0.0, scale: teacher_mean }, None),
-            Normaliser::Teacher => {
-                (identity, Some(format!("the teachers' mean return is {teacher_mean}: returns are not normalised")))
-            }
+            Normaliser::Teacher => (
+                identity,
+                Some(format!("the teachers' mean return is {teacher_mean}: returns are not normalised")),
+            ),
             Normaliser::MinMax => {
                 let valid = || table.values.iter().flatten().copied();
-                let (low, high) = (valid().fold(f64::INFINITY, f64::min), valid().fold(f64::NEG_INFINITY, f64::max));
+                let (low, high) =
+                    (valid().fold(f64::INFINITY, f64::min), valid().fold(f64::NEG_INFINITY, f64::max));
                 if high > low {
                     (Self { offset: low, scale: high - low }, None)
                 } else {

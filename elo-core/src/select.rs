@@ -45,7 +45,9 @@ pub trait Bench {
 #[derive(Debug, thiserror::Error)]
 pub enum SelectError {
     /// Too many rollouts failed, or one did where none may.
-    #[error("{failed} of {rollouts} selection rollouts failed, more than `failures` allows; first: candidate {first}")]
+    #[error(
+        "{failed} of {rollouts} selection rollouts failed, more than `failures` allows; first: candidate {first}"
+    )]
     Failures {
         /// Failed rollouts.
         failed: usize,
@@ -163,7 +165,9 @@ impl Scoring<'_> {
     /// A candidate's returns with failures counted by the rule; `None` when it cannot be chosen.
     fn filled(&self, row: &[Option<f64>]) -> Option<Vec<f64>> {
         match self.failures.policy {
-            FailurePolicy::WorstPossible => Some(row.iter().map(|v| v.unwrap_or(self.return_floor)).collect()),
+            FailurePolicy::WorstPossible => {
+                Some(row.iter().map(|v| v.unwrap_or(self.return_floor)).collect())
+            }
             FailurePolicy::ExcludeOption | FailurePolicy::Abort => row.iter().copied().collect(),
         }
     }
@@ -187,8 +191,11 @@ impl Scoring<'_> {
     /// The candidates with the highest scores: score descending, then number ascending. Scores that are not a number
     /// cannot be chosen.
     fn best(&self, scores: &[Option<f64>]) -> Vec<usize> {
-        let mut ranked: Vec<(f64, usize)> =
-            scores.iter().enumerate().filter_map(|(id, s)| s.filter(|s| !s.is_nan()).map(|s| (s, id))).collect();
+        let mut ranked: Vec<(f64, usize)> = scores
+            .iter()
+            .enumerate()
+            .filter_map(|(id, s)| s.filter(|s| !s.is_nan()).map(|s| (s, id)))
+            .collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         ranked.into_iter().take(self.set_size).map(|(_, id)| id).collect()
     }
@@ -235,7 +242,11 @@ mod tests {
         }
     }
 
-    fn select(rows: &[&[Option<f64>]], set_size: usize, failures: FailureRule) -> Result<Selection, SelectError> {
+    fn select(
+        rows: &[&[Option<f64>]],
+        set_size: usize,
+        failures: FailureRule,
+    ) -> Result<Selection, SelectError> {
         let metrics: Vec<Box<dyn Metric>> =
             vec![Box::new(MaximumMean {}), Box::new(NegativeTail { k: 10.0, alpha: 0.5 })];
         let scaling = ReturnScaling { normaliser: Normaliser::None, ..ReturnScaling::default() };
@@ -251,8 +262,18 @@ mod tests {
     }
 
     const STEADY: &[Option<f64>] = &[Some(4.0); 10];
-    const RISKY: &[Option<f64>] = &[Some(5.0), Some(5.0), Some(5.0), Some(5.0), Some(5.0), Some(5.0), Some(5.0),
-        Some(5.0), Some(5.0), Some(-3.0)];
+    const RISKY: &[Option<f64>] = &[
+        Some(5.0),
+        Some(5.0),
+        Some(5.0),
+        Some(5.0),
+        Some(5.0),
+        Some(5.0),
+        Some(5.0),
+        Some(5.0),
+        Some(5.0),
+        Some(-3.0),
+    ];
     const POOR: &[Option<f64>] = &[Some(1.0); 10];
 
     #[test]

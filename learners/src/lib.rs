@@ -13,6 +13,7 @@
 //! suites on whatever is in it.
 
 pub mod behavior_cloning;
+mod demonstration;
 pub mod kernels;
 pub mod mlp_policy;
 pub mod nn;
@@ -24,7 +25,10 @@ use elo_core::plugin::Plugin;
 
 /// What this crate brings.
 pub const PLUGINS: &[Plugin] = &[
-    Plugin::teacher::<ppo::PpoConfig>("ppo", "proximal policy optimisation, the paper's teachers (Eq. 2.3, 2.4)"),
+    Plugin::teacher::<ppo::PpoConfig>(
+        "ppo",
+        "proximal policy optimisation, the paper's teachers (Eq. 2.3, 2.4)",
+    ),
     Plugin::option_learner::<open_loop::OpenLoopConfig>(
         "open_loop",
         "replays the teacher's actions, the paper's options (§5.1)",

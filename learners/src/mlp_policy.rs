@@ -59,7 +59,10 @@ fn load(tensors: &Tensors, spec: &SimulatorSpec) -> Result<Box<dyn OptionPolicy>
         return Err(TensorError::Shape {
             name: "horizon".to_owned(),
             got: vec![1],
-            expected: format!("one whole number of steps from 1 to {} in it, not {horizon}", MlpPolicy::MAX_HORIZON),
+            expected: format!(
+                "one whole number of steps from 1 to {} in it, not {horizon}",
+                MlpPolicy::MAX_HORIZON
+            ),
         });
     }
     Ok(Box::new(MlpPolicy { network, horizon: horizon as usize }))

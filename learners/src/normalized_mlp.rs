@@ -102,7 +102,11 @@ impl NormalizedMlp {
                 _ => {
                     let columns = if last { outputs.to_string() } else { "at least 1".to_owned() };
                     let expected = format!("[{before}, {columns}]");
-                    return Err(TensorError::Shape { name: weight_name(index), got: shape.clone(), expected });
+                    return Err(TensorError::Shape {
+                        name: weight_name(index),
+                        got: shape.clone(),
+                        expected,
+                    });
                 }
             };
             params.extend(finite(&weight_name(index), &[before, width])?);

@@ -8,6 +8,8 @@ use elo_core::tensors::{TensorError, Tensors};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::demonstration;
+
 /// The tensor `actions` `[T, J]`, see [`OpenLoopPolicy`].
 pub const FORMAT: PolicyFormat = PolicyFormat {
     name: "open_loop",
@@ -30,18 +32,8 @@ impl OptionLearner for OpenLoopConfig {
         spec: &SimulatorSpec,
         _seed: &Seed,
     ) -> Result<Box<dyn OptionPolicy>, String> {
-        let Demonstration { actions, steps, .. } = demonstration;
-        let width = spec.action_size();
-        if *steps == 0 || width == 0 || actions.len() != steps * width {
-            return Err(format!(
-                "a demonstration of {steps} steps has {} numbers in its actions, expected at least one row of {width}",
-                actions.len()
-            ));
-        }
-        if !actions.iter().all(|a| a.is_finite()) {
-            return Err("the demonstration has an action that is not finite".to_owned());
-        }
-        Ok(Box::new(OpenLoopPolicy { actions: actions.clone(), width }))
+        demonstration::check(demonstration, spec, usize::MAX)?;
+        Ok(Box::new(OpenLoopPolicy { actions: demonstration.actions.clone(), width: spec.action_size() }))
     }
 }
 
@@ -118,13 +110,6 @@ mod tests {
                 assert_eq!(option.termination(&[], elapsed), if elapsed < 3 { 0.0 } else { 1.0 });
             }
         }
-    }
-
-    #[test]
-    fn demonstrations_that_cannot_be_replayed_are_refused() {
-        assert!(learn(&[], 0).is_err());
-        assert!(learn(&[0.5, 0.5], 3).unwrap_err().contains("3 steps has 2 numbers"));
-        assert!(learn(&[0.5, f32::INFINITY], 2).unwrap_err().contains("not finite"));
     }
 
     #[test]

@@ -123,7 +123,9 @@ impl Monitor for StopAtEvery {
 
 #[test]
 fn stopped_at_every_checkpoint_a_training_gives_the_same_bytes() {
-    for simulator in [&wide() as &dyn SimulatorConfig, &worlds::ReplayOnly {}, &worlds::Fragile { mean_life: 400 }] {
+    for simulator in
+        [&wide() as &dyn SimulatorConfig, &worlds::ReplayOnly {}, &worlds::Fragile { mean_life: 400 }]
+    {
         let straight = train_on(simulator, &small(), &mut Unwatched).unwrap();
         let mut monitor = StopAtEvery::default();
         let mut stops = 0;
@@ -150,6 +152,17 @@ fn a_checkpoint_of_another_training_is_refused() {
 }
 
 #[test]
+fn epochs_end_when_the_policy_has_moved_far_enough() {
+    let policy = |epochs, target_kl| {
+        let config = PpoConfig { epochs, target_kl, ..small() };
+        train_on(&wide(), &config, &mut Unwatched).unwrap().policy
+    };
+    // Any movement is too much: one epoch and no second.
+    assert_eq!(policy(5, 1e-12), policy(1, 1000.0));
+    assert_ne!(policy(5, 1000.0), policy(1, 1000.0));
+}
+
+#[test]
 fn an_absurd_learning_rate_is_reported_as_divergence() {
     let config = PpoConfig { learning_rate: 1e3, ..small() };
     match train_on(&wide(), &config, &mut Unwatched).unwrap_err() {
@@ -167,6 +180,7 @@ fn a_simulator_that_always_gives_nan_is_reported_and_one_that_seldom_fails_is_bo
         }
         other => panic!("{other}"),
     }
+    // About five failures in the 2000 steps, each of which costs one episode and no more.
     let trained = train_on(&worlds::Fragile { mean_life: 400 }, &small(), &mut Unwatched).unwrap();
     let means = trained.curve.iter().flat_map(|point| point.mean_return);
     assert!(means.clone().count() > 0 && means.clone().all(f64::is_finite));
@@ -246,7 +260,12 @@ mod worlds {
         fn spec(&self) -> &SimulatorSpec {
             self.inner.spec()
         }
-        fn reset(&mut self, task: &Task, start: &Start, observation: &mut [f32]) -> Result<(), SimulatorError> {
+        fn reset(
+            &mut self,
+            task: &Task,
+            start: &Start,
+            observation: &mut [f32],
+        ) -> Result<(), SimulatorError> {
             self.inner.reset(task, start, observation)
         }
         fn step(

@@ -31,7 +31,8 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     ready_to_run(&experiment)?;
     let folder = arguments.out.clone().unwrap_or_else(|| default_folder(&arguments.config));
     let run_dir = RunDir::open(&folder)?;
-    let stop = interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
+    let stop =
+        interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
     let staff = Staff { workers, formats: formats(plugins), program: fingerprint() };
     let crew = Crew::new(staff, &run_dir, &Beside, &progress, &stop);

@@ -14,7 +14,8 @@ use crate::output::print;
 /// Looks for every engine and says what it found.
 pub fn run(plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let mut text = format!("{}\n", fingerprint());
-    let simulators = plugins.iter().flat_map(|slice| slice.iter()).filter(|plugin| plugin.role == Role::Simulator);
+    let simulators =
+        plugins.iter().flat_map(|slice| slice.iter()).filter(|plugin| plugin.role == Role::Simulator);
     for plugin in simulators {
         let config: Box<dyn SimulatorConfig> =
             serde_json::from_value((plugin.default_config)()).expect("a default config reads back");

@@ -10,6 +10,7 @@ use elo_core::fingerprint::fingerprint;
 use elo_core::option_set::OptionSet;
 use elo_core::plugin::Plugin;
 use elo_core::run_dir::RunDir;
+use serde_json::Value;
 
 use crate::arguments::Evaluate;
 use crate::commands::discover::{ready_to_run, workers};
@@ -31,10 +32,12 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     })?;
     ready_to_run(&experiment)?;
 
-    let temporary = tempfile::tempdir().map_err(|error| Exit::Failed(format!("no temporary folder: {error}")))?;
+    let temporary =
+        tempfile::tempdir().map_err(|error| Exit::Failed(format!("no temporary folder: {error}")))?;
     let folder = arguments.out.as_deref().unwrap_or(temporary.path());
     let run_dir = RunDir::open(folder)?;
-    let stop = interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
+    let stop =
+        interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
     let staff = Staff { workers: workers(arguments.workers)?, formats, program: fingerprint() };
     let crew = Crew::new(staff, &run_dir, &Beside, &progress, &stop);
@@ -50,11 +53,25 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
 /// The experiment that made the set, with another seed and the user's changes.
 fn experiment(set: &OptionSet, arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
     let manifest = arguments.option_set.join("manifest.json");
-    let unreadable = |error: String| Exit::BadInput(format!("{}: its experiment: {error}", manifest.display()));
-    let text = toml::to_string(&set.manifest.experiment).map_err(|error| unreadable(error.to_string()))?;
-    let made_with = set.manifest.experiment.get("seed").and_then(serde_json::Value::as_u64).unwrap_or(0);
+    let unreadable =
+        |error: String| Exit::BadInput(format!("{}: its experiment: {error}", manifest.display()));
+    let text = toml::to_string(&without_nulls(&set.manifest.experiment))
+        .map_err(|error| unreadable(error.to_string()))?;
+    let made_with = set.manifest.experiment.get("seed").and_then(Value::as_u64).unwrap_or(0);
     let mut overrides = vec![format!("seed={}", arguments.seed.unwrap_or(made_with.wrapping_add(1)))];
     overrides.push(format!("discover.steps={}", set.manifest.horizon.steps));
     overrides.extend(arguments.overrides.iter().cloned());
     load::from_text(&text, (&manifest, Path::new(".")), &overrides, plugins)
+}
+
+/// TOML has no null: a field that is `None` is left out.
+fn without_nulls(value: &Value) -> Value {
+    match value {
+        Value::Object(fields) => {
+            let kept = fields.iter().filter(|(_, field)| !field.is_null());
+            Value::Object(kept.map(|(name, field)| (name.clone(), without_nulls(field))).collect())
+        }
+        Value::Array(items) => Value::Array(items.iter().map(without_nulls).collect()),
+        scalar => scalar.clone(),
+    }
 }

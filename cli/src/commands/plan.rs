@@ -44,14 +44,19 @@ pub fn plan(experiment: &Experiment, workers: usize, plugins: &[&[Plugin]]) -> R
         let _ = write!(text, "{stage:<20} {:>16} simulator steps at most", grouped(steps));
         match step {
             Some(step) => {
-                let _ = writeln!(text, ", {:>8}", duration(Duration::from_secs_f64(steps as f64 * step / workers as f64)));
+                let _ = writeln!(
+                    text,
+                    ", {:>8}",
+                    duration(Duration::from_secs_f64(steps as f64 * step / workers as f64))
+                );
             }
             None => text.push('\n'),
         }
     }
     let total: u64 = stages.iter().map(|(_, steps)| steps).sum();
     let _ = writeln!(text, "{:<20} {:>16} simulator steps", "all", grouped(total));
-    let _ = writeln!(text, "{:<20} {:>16} MiB at most", "disk", grouped((recorded + tables + teachers) >> 20));
+    let _ =
+        writeln!(text, "{:<20} {:>16} MiB at most", "disk", grouped((recorded + tables + teachers) >> 20));
     let _ = writeln!(text, "{:<20} {:>16} MiB at most", "memory", grouped((rollouts * 120 + teachers) >> 20));
     match step {
         Some(step) => {
@@ -79,7 +84,8 @@ fn seconds_per_step(experiment: &Experiment, _: &[&[Plugin]]) -> Option<f64> {
     while begun.elapsed() < Duration::from_millis(300) {
         let seed = Seed::root(0).index(episode);
         let context = Context { task: Task::default(), start: PreparedStart::standard(episode) };
-        steps += u64::from(rollout(simulator.as_mut(), &mut agent, &context, &horizon, &mut seed.stream()).length);
+        steps +=
+            u64::from(rollout(simulator.as_mut(), &mut agent, &context, &horizon, &mut seed.stream()).length);
         episode += 1;
     }
     (steps > 0).then(|| begun.elapsed().as_secs_f64() / steps as f64)
@@ -88,6 +94,7 @@ fn seconds_per_step(experiment: &Experiment, _: &[&[Plugin]]) -> Option<f64> {
 /// A number with its thousands apart.
 fn grouped(number: u64) -> String {
     let digits = number.to_string();
-    let groups: Vec<&str> = digits.as_bytes().rchunks(3).rev().filter_map(|g| std::str::from_utf8(g).ok()).collect();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().filter_map(|g| std::str::from_utf8(g).ok()).collect();
     groups.join(" ")
 }

@@ -95,7 +95,11 @@ pub fn u32_numbers(bytes: &[u8], count: usize) -> Result<Vec<u32>, Malformed> {
 }
 
 fn exact(got: usize, expected: usize) -> Result<(), Malformed> {
-    if got == expected { Ok(()) } else { Err(Malformed(format!("{got} bytes in a section, expected {expected}"))) }
+    if got == expected {
+        Ok(())
+    } else {
+        Err(Malformed(format!("{got} bytes in a section, expected {expected}")))
+    }
 }
 
 #[cfg(test)]

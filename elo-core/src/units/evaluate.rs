@@ -115,8 +115,11 @@ impl Evaluate {
     ) -> Result<Vec<u8>, WorkError> {
         let spec = site.simulator(self.simulator.as_ref())?.spec().clone();
         let contexts = self.read_contexts(inputs)?;
-        let cast: Vec<Cast> =
-            self.subjects.iter().map(|subject| subject.cast(inputs, site, &spec)).collect::<Result<_, _>>()?;
+        let cast: Vec<Cast> = self
+            .subjects
+            .iter()
+            .map(|subject| subject.cast(inputs, site, &spec))
+            .collect::<Result<_, _>>()?;
         let simulator = site.simulator(self.simulator.as_ref())?;
         let total = (cast.len() * contexts.len()) as u64;
         let mut rollouts = Vec::with_capacity(cast.len() * contexts.len());
@@ -187,7 +190,9 @@ impl Cast {
         match self {
             Self::Random => act(&mut RandomTorque::new(spec)),
             Self::Zero => act(&mut ZeroTorque),
-            Self::Policy { policy, sampling } => act(&mut Taught { policy: policy.as_ref(), sampling: *sampling }),
+            Self::Policy { policy, sampling } => {
+                act(&mut Taught { policy: policy.as_ref(), sampling: *sampling })
+            }
             Self::Options { options, primitive_probability } => {
                 let options: Vec<&dyn OptionPolicy> = options.iter().map(AsRef::as_ref).collect();
                 act(&mut InfantAgent::mixed(&options, *primitive_probability, spec))
@@ -233,7 +238,8 @@ impl RolloutTable {
         let lengths: Vec<u32> = self.rollouts.iter().map(|r| r.length).collect();
         let clamped: Vec<u32> = self.rollouts.iter().map(|r| r.clamped).collect();
         let endings: Vec<u8> = self.rollouts.iter().map(|r| ending_code(&r.ending)).collect();
-        let sections = [&codec::f64_bytes(&sums), &codec::u32_bytes(&lengths), &codec::u32_bytes(&clamped), &endings];
+        let sections =
+            [&codec::f64_bytes(&sums), &codec::u32_bytes(&lengths), &codec::u32_bytes(&clamped), &endings];
         codec::encode(&head, &sections.map(Vec::as_slice))
     }
 

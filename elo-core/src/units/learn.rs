@@ -24,14 +24,20 @@ pub struct Learn {
 }
 
 impl Learn {
-    pub(super) fn perform(&self, inputs: &[Vec<u8>], monitor: &mut dyn Monitor) -> Result<Vec<u8>, WorkError> {
+    pub(super) fn perform(
+        &self,
+        inputs: &[Vec<u8>],
+        monitor: &mut dyn Monitor,
+    ) -> Result<Vec<u8>, WorkError> {
         let recordings = record::decode(input(inputs, 0)?)?;
         let mut options = Vec::with_capacity(recordings.len());
         for ((i, seed), recording) in self.span.seeds(&self.seed).zip(&recordings) {
             monitor.progress(options.len() as u64, self.span.count as u64)?;
             let option = recording.demonstration.as_ref().map(|demonstration| {
                 let learned = self.learner.learn(demonstration, &self.spec, &seed);
-                learned.map(|option| option.record()).map_err(|why| WorkError::Failed(format!("candidate {i}: {why}")))
+                learned
+                    .map(|option| option.record())
+                    .map_err(|why| WorkError::Failed(format!("candidate {i}: {why}")))
             });
             options.push(option.transpose()?);
         }

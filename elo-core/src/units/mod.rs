@@ -140,7 +140,9 @@ impl Site {
 
     fn format(&self, name: &str) -> Result<PolicyFormat, WorkError> {
         let known = self.formats.iter().find(|format| format.name == name);
-        known.copied().ok_or_else(|| WorkError::Failed(format!("no plugin reads policies of format `{name}`")))
+        known
+            .copied()
+            .ok_or_else(|| WorkError::Failed(format!("no plugin reads policies of format `{name}`")))
     }
 }
 

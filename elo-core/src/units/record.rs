@@ -67,7 +67,9 @@ impl Record {
         let mut recordings = Vec::with_capacity(self.span.count);
         for (_, seed) in self.span.seeds(&self.seed) {
             monitor.progress(recordings.len() as u64, self.span.count as u64)?;
-            recordings.push(self.candidate(simulator, &teachers, &seed).map_err(|e| WorkError::Failed(e.to_string()))?);
+            recordings.push(
+                self.candidate(simulator, &teachers, &seed).map_err(|e| WorkError::Failed(e.to_string()))?,
+            );
         }
         Ok(encode(&recordings))
     }
@@ -181,9 +183,11 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<Recording>, Malformed> {
         .map(|head| {
             let demonstration = match head.recorded {
                 None => None,
-                Some([steps, observations, actions]) => {
-                    Some(Demonstration { observations: numbers(observations)?, actions: numbers(actions)?, steps })
-                }
+                Some([steps, observations, actions]) => Some(Demonstration {
+                    observations: numbers(observations)?,
+                    actions: numbers(actions)?,
+                    steps,
+                }),
             };
             let Head { teacher, retakes, teacher_return, .. } = head;
             Ok(Recording { teacher, retakes, teacher_return, demonstration })

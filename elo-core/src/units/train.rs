@@ -49,7 +49,8 @@ const TRIAL_STEPS: usize = 200;
 
 impl Train {
     pub(super) fn perform(&self, monitor: &mut dyn Monitor) -> Result<Vec<u8>, WorkError> {
-        let mut resumed = monitor.resume().map(|bytes| Attempts::decode(&bytes)).transpose()?.unwrap_or_default();
+        let mut resumed =
+            monitor.resume().map(|bytes| Attempts::decode(&bytes)).transpose()?.unwrap_or_default();
         while (resumed.diverged.len() as u64) < ATTEMPTS {
             let seed = self.seed.child("attempt").index(resumed.diverged.len() as u64);
             let lesson = Lesson {
@@ -64,7 +65,9 @@ impl Train {
                 Ok(trained)
             });
             match outcome {
-                Ok(trained) => return Ok(TeacherResult { trained: Some(trained), diverged: resumed.diverged }.encode()),
+                Ok(trained) => {
+                    return Ok(TeacherResult { trained: Some(trained), diverged: resumed.diverged }.encode());
+                }
                 Err(TrainError::Diverged { steps, reason }) => {
                     resumed.diverged.push(format!("after {steps} steps: {reason}"));
                     resumed.checkpoint = None;
@@ -81,7 +84,10 @@ impl Train {
     fn trial(&self, trained: &Trained, seed: &Seed) -> Result<(), TrainError> {
         let mut simulator = self.simulator.build()?;
         let spec = simulator.spec().clone();
-        let policy = self.teacher.load(&trained.policy, &spec).map_err(|error| TrainError::Other(error.to_string()))?;
+        let policy = self
+            .teacher
+            .load(&trained.policy, &spec)
+            .map_err(|error| TrainError::Other(error.to_string()))?;
         let prices = spec.prices(&self.task);
         let horizon = Horizon { steps: TRIAL_STEPS, discount: 1.0, stop_at_fall: true };
         let differences: Vec<f64> = (0..TRIAL_EPISODES)
@@ -93,7 +99,8 @@ impl Train {
                     let result = rollout(simulator.as_mut(), agent, &context, &horizon, &mut seed.stream());
                     price(&result.term_sums, &prices)
                 };
-                value(&mut Taught { policy: policy.as_ref(), sampling: false }) - value(&mut RandomTorque::new(&spec))
+                value(&mut Taught { policy: policy.as_ref(), sampling: false })
+                    - value(&mut RandomTorque::new(&spec))
             })
             .collect();
         let count = differences.len() as f64;
@@ -192,7 +199,8 @@ impl TeacherResult {
             return Err(Malformed(format!("{} snapshots", snapshots.len())));
         }
         let snapshots = head.snapshot_steps.iter().zip(snapshots);
-        let snapshots = snapshots.map(|(steps, policy)| Snapshot { steps: *steps, policy: policy.clone() }).collect();
+        let snapshots =
+            snapshots.map(|(steps, policy)| Snapshot { steps: *steps, policy: policy.clone() }).collect();
         let trained = Trained { policy: policy.clone(), snapshots, curve: head.curve };
         Ok(Self { trained: head.trained.then_some(trained), diverged: head.diverged })
     }

@@ -36,7 +36,8 @@ fn main() -> Result<(), Failure> {
     let _linked = [elo_backends::PLUGINS, elo_learners::PLUGINS];
     let simulator: Box<dyn SimulatorConfig> =
         serde_json::from_value(serde_json::json!({"kind": engine, "robot": robot}))?;
-    let teacher: Box<dyn TeacherConfig> = serde_json::from_value(serde_json::json!({"kind": "ppo", "steps": steps}))?;
+    let teacher: Box<dyn TeacherConfig> =
+        serde_json::from_value(serde_json::json!({"kind": "ppo", "steps": steps}))?;
 
     println!("engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls");
     let (next, trouble) = (AtomicU64::new(1), Mutex::new(None));
@@ -50,7 +51,9 @@ fn main() -> Result<(), Failure> {
                         return;
                     }
                     match curve(simulator.as_ref(), teacher.as_ref(), seed) {
-                        Ok(lines) => print!("{}", lines.replace("PREFIX", &format!("{engine},{robot},{seed}"))),
+                        Ok(lines) => {
+                            print!("{}", lines.replace("PREFIX", &format!("{engine},{robot},{seed}")))
+                        }
                         Err(error) => *trouble.lock().expect("no thread panics with it") = Some(error),
                     }
                 }
@@ -64,7 +67,8 @@ fn main() -> Result<(), Failure> {
 fn curve(simulator: &dyn SimulatorConfig, teacher: &dyn TeacherConfig, seed: u64) -> Result<String, Failure> {
     let (task, initial_states) = (Task::default(), InitialStates::default());
     let root = Seed::root(seed).child("learning-curves");
-    let lesson = Lesson { simulator, task: &task, initial_states: &initial_states, seed: root.child("teacher") };
+    let lesson =
+        Lesson { simulator, task: &task, initial_states: &initial_states, seed: root.child("teacher") };
     let trained = teacher.train(&lesson, &mut Told { seed, tenths: 0 })?;
 
     let mut world = simulator.build()?;

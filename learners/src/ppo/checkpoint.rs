@@ -178,8 +178,7 @@ mod tests {
         progress.learner.optimisers[1].step(&mut progress.learner.log_std, &gradient, 0.01);
         let policy = config.untrained(spec, &Seed::root(2));
         // Eleven, so that the names of the first and of the eleventh begin alike.
-        progress.snapshots =
-            (0..11).map(|index| Snapshot { steps: index, policy: policy.clone() }).collect();
+        progress.snapshots = (0..11).map(|index| Snapshot { steps: index, policy: policy.clone() }).collect();
         progress
     }
 

@@ -62,9 +62,9 @@ pub struct PpoConfig {
     pub value_coefficient: f64,
     /// Gradients longer than this are scaled down to it; must be positive.
     pub max_grad_norm: f64,
-    /// Epochs of an iteration end once the policy has moved by 1.5 times this Kullback–Leibler divergence, in nats;
-    /// absent for always `epochs` of them. Must be positive.
-    pub target_kl: Option<f64>,
+    /// No further epoch begins in an iteration once the policy has moved by this Kullback–Leibler divergence, in nats.
+    /// Must be positive; a large number such as 1000 allows all `epochs` always.
+    pub target_kl: f64,
     /// Widths of the hidden layers, of the policy and of the critic.
     pub hidden: Vec<usize>,
     /// Natural logarithm of the action noise's standard deviation at the beginning, in units of the action.
@@ -105,7 +105,7 @@ impl Default for PpoConfig {
             entropy_coefficient: 0.0,
             value_coefficient: 0.5,
             max_grad_norm: 0.5,
-            target_kl: None,
+            target_kl: 0.015,
             hidden: vec![64, 64],
             initial_log_std: 0.0,
             d0_share: 0.5,
@@ -191,9 +191,7 @@ impl TeacherConfig for PpoConfig {
         let positive = "a positive number";
         finite(self.learning_rate > 0.0, positive, self.learning_rate, "learning_rate");
         finite(self.max_grad_norm > 0.0, positive, self.max_grad_norm, "max_grad_norm");
-        if let Some(target) = self.target_kl {
-            finite(target > 0.0, positive, target, "target_kl");
-        }
+        finite(self.target_kl > 0.0, positive, self.target_kl, "target_kl");
         finite(self.clip > 0.0 && self.clip < 1.0, "more than 0 and less than 1", self.clip, "clip");
         for (value, field) in [
             (self.learning_rate_end, "learning_rate_end"),
@@ -262,7 +260,7 @@ mod tests {
             entropy_coefficient: f64::INFINITY,
             value_coefficient: -0.5,
             max_grad_norm: 0.0,
-            target_kl: Some(0.0),
+            target_kl: 0.0,
             hidden: vec![64, 0],
             initial_log_std: 2.0,
             d0_share: f64::NAN,

@@ -99,7 +99,8 @@ impl Tally {
         self.failures += 1;
         let Self { steps, episodes, failures } = *self;
         if failures > FORGIVEN_FAILURES && failures * 100 > episodes {
-            let reason = format!("the simulator failed in {failures} of {episodes} episodes, lastly: {error}");
+            let reason =
+                format!("the simulator failed in {failures} of {episodes} episodes, lastly: {error}");
             return Err(TrainError::Diverged { steps, reason });
         }
         Ok(())
@@ -153,7 +154,8 @@ pub(super) struct Environment {
 impl Environment {
     /// Before its first episode; [`Self::take_up`] begins it.
     pub fn new(index: usize, simulator: Box<dyn Simulator>) -> Self {
-        let (observation_size, terms) = (simulator.spec().observation_size, simulator.spec().reward_terms.len());
+        let (observation_size, terms) =
+            (simulator.spec().observation_size, simulator.spec().reward_terms.len());
         Self {
             index: index as u64,
             simulator,
@@ -183,7 +185,7 @@ impl Environment {
             self.episode = Episode { number: self.episode.number + 1, steps: 0, total: 0.0 };
             tally.episodes += 1;
             let begun = start.begin(self.simulator.as_mut(), course.task, &mut self.observation);
-            match begun.and_then(|()| self.check_numbers()) {
+            match begun.and_then(|()| check_finite(&self.observation, &[])) {
                 Ok(()) => return Ok(()),
                 Err(error) => tally.fail(&error)?,
             }
@@ -201,7 +203,7 @@ impl Environment {
         tally: &mut Tally,
     ) -> Result<Outcome, TrainError> {
         let stepped = self.simulator.step(action, &mut self.observation, &mut self.terms);
-        let end = match stepped.and_then(|end| self.check_numbers().map(|()| end)) {
+        let end = match stepped.and_then(|end| check_finite(&self.observation, &self.terms).map(|()| end)) {
             Ok(end) => end,
             Err(error) => return tally.fail(&error).map(|()| Outcome::Failed),
         };
@@ -211,14 +213,6 @@ impl Environment {
         self.episode.total += reward;
         let out_of_time = end == End::Running && self.episode.steps >= course.max_episode_steps;
         Ok(Outcome::Step { reward, end: if out_of_time { End::Truncated } else { end } })
-    }
-
-    fn check_numbers(&self) -> Result<(), SimulatorError> {
-        if self.observation.iter().all(|x| x.is_finite()) && self.terms.iter().all(|x| x.is_finite()) {
-            Ok(())
-        } else {
-            Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()))
-        }
     }
 
     /// What a checkpoint keeps.
@@ -240,16 +234,23 @@ impl Environment {
         tally: &mut Tally,
     ) -> Result<bool, TrainError> {
         self.episode = rest.episode.clone();
-        self.terms.fill(0.0);
         if let Some(state) = &rest.state {
             let start = Start::State(state.clone());
             let reset = self.simulator.reset(course.task, &start, &mut self.observation);
-            match reset.and_then(|()| self.check_numbers()) {
+            match reset.and_then(|()| check_finite(&self.observation, &[])) {
                 Ok(()) => return Ok(true),
                 Err(error) => tally.fail(&error)?,
             }
         }
         self.begin(course, tally).map(|()| false)
+    }
+}
+
+fn check_finite(observation: &[f32], terms: &[f64]) -> Result<(), SimulatorError> {
+    if observation.iter().all(|x| x.is_finite()) && terms.iter().all(|x| x.is_finite()) {
+        Ok(())
+    } else {
+        Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()))
     }
 }
 
@@ -265,7 +266,8 @@ mod tests {
     fn course(task: &Task, d0_share: f64, max_episode_steps: u64) -> Course<'_> {
         let config = PointMassConfig::default();
         let mut simulator = config.build().unwrap();
-        let d0 = draw_starts(&InitialStates::default(), 20, simulator.as_mut(), task, &Seed::root(1)).unwrap();
+        let d0 =
+            draw_starts(&InitialStates::default(), 20, simulator.as_mut(), task, &Seed::root(1)).unwrap();
         assert_eq!(d0.len(), 20);
         let prices = config.description().prices(task);
         Course { task, prices, d0, d0_share, max_episode_steps, seed: Seed::root(2) }
@@ -353,7 +355,9 @@ mod tests {
             tally.fail(&unstable).unwrap();
         }
         match tally.fail(&unstable).unwrap_err() {
-            TrainError::Diverged { steps: 7, reason } => assert!(reason.contains("11 of 20 episodes"), "{reason}"),
+            TrainError::Diverged { steps: 7, reason } => {
+                assert!(reason.contains("11 of 20 episodes"), "{reason}")
+            }
             other => panic!("{other}"),
         }
         let mut tally = Tally { steps: 0, episodes: 10_000, failures: 99 };

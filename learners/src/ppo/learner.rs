@@ -9,9 +9,9 @@ use crate::nn::{Adam, Mlp};
 /// Policies whose log standard deviation leaves this range no longer explore, or no longer aim.
 const LOG_STD_RANGE: std::ops::RangeInclusive<f32> = -8.0..=3.0;
 
-/// An iteration that moved the policy by more, in nats of approximate Kullback–Leibler divergence over its last epoch,
-/// has lost the policy that the advantages are about. Sound iterations move it by 0.003 to 0.05.
-const MAX_KL: f64 = 1.0;
+/// An iteration that moved the policy by more, in nats of Kullback–Leibler divergence, has lost the policy that the
+/// advantages are about. Sound iterations move it by 0.003 to 0.05.
+const MAX_KL: f32 = 1.0;
 
 /// `π_θ` and the critic `V`, with the optimisers' memory.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,14 +38,16 @@ impl Learner {
         Self { policy, log_std, critic, optimisers }
     }
 
-    /// Why this is no policy to go on with, after an iteration that moved it by `kl` in its last epoch.
-    pub fn divergence(&self, kl: f64) -> Option<String> {
+    /// Why this is no policy to go on with, after an iteration that moved it by `kl` nats.
+    pub fn divergence(&self, kl: f32) -> Option<String> {
         if !self.policy.params().iter().chain(self.critic.params()).all(|p| p.is_finite()) {
             return Some("a parameter is not finite".to_owned());
         }
         if let Some(log_std) = self.log_std.iter().find(|log_std| !LOG_STD_RANGE.contains(*log_std)) {
             let (low, high) = (LOG_STD_RANGE.start(), LOG_STD_RANGE.end());
-            return Some(format!("a log standard deviation of the policy is {log_std}, outside {low} to {high}"));
+            return Some(format!(
+                "a log standard deviation of the policy is {log_std}, outside {low} to {high}"
+            ));
         }
         // Written so that NaN is caught.
         if kl <= MAX_KL {
@@ -87,7 +89,7 @@ mod tests {
             spoilt.log_std[0] = log_std;
             assert!(spoilt.divergence(0.02).is_some_and(|reason| reason.contains("standard deviation")));
         }
-        for kl in [1.5, f64::INFINITY, f64::NAN] {
+        for kl in [1.5, f32::INFINITY, f32::NAN] {
             assert!(learner().divergence(kl).is_some_and(|reason| reason.contains("nats")));
         }
     }

@@ -87,7 +87,8 @@ mod tests {
     fn a_sample_is_the_one_that_training_would_draw() {
         for actions in [1, 2, 5] {
             let teacher = sample(actions);
-            let (mut means, mut ours, mut theirs) = (vec![0.0; actions], vec![0.0; actions], vec![0.0; actions]);
+            let (mut means, mut ours, mut theirs) =
+                (vec![0.0; actions], vec![0.0; actions], vec![0.0; actions]);
             teacher.act(&[0.3, -0.2], None, &mut means);
             teacher.act(&[0.3, -0.2], Some(&mut Seed::root(2).stream()), &mut ours);
             let head = DiagonalGaussian { means: &means, log_std: &teacher.log_std };
@@ -104,7 +105,10 @@ mod tests {
         let tensors = Tensors::decode(&teacher.to_tensors().encode()).unwrap();
         assert_eq!(GaussianMlpTeacher::from_tensors(&tensors, &spec, &[4]).unwrap(), teacher);
         let error = GaussianMlpTeacher::from_tensors(&tensors, &spec, &[5, 5]).unwrap_err();
-        assert_eq!(error.to_string(), "tensor `layer*` has shape [4], expected hidden layers of widths [5, 5]");
+        assert_eq!(
+            error.to_string(),
+            "tensor `layer*` has shape [4], expected hidden layers of widths [5, 5]"
+        );
         let mut spoilt = tensors.clone();
         spoilt.insert("log_std", &[1], vec![f32::NAN]);
         assert!(GaussianMlpTeacher::from_tensors(&spoilt, &spec, &[4]).is_err());

@@ -1,0 +1,89 @@
+//! Every config in `examples/` is one that the program takes: what `elo config check` does, for each.
+
+use std::path::{Path, PathBuf};
+
+use elo_core::config;
+use elo_core::experiment::Experiment;
+use elo_core::fault::{Fault, Faults};
+use elo_core::plugin::Plugin;
+
+const PLUGINS: [&[Plugin]; 4] =
+    [elo_core::plugin::PLUGINS, elo_backends::PLUGINS, elo_learners::PLUGINS, own_plugins::PLUGINS];
+
+fn examples() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("examples")
+}
+
+/// The configs below `folder`, by name: every TOML file that is no package.
+fn configs(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).expect("a folder of the repository");
+    let mut paths: Vec<PathBuf> =
+        entries.map(|entry| entry.expect("a folder of the repository").path()).collect();
+    paths.sort();
+    let inside = |path: PathBuf| match path.extension() {
+        _ if path.is_dir() => configs(&path),
+        Some(extension) if extension == "toml" && !path.ends_with("Cargo.toml") => vec![path],
+        _ => Vec::new(),
+    };
+    paths.into_iter().flat_map(inside).collect()
+}
+
+fn read(path: &Path, overrides: &[String]) -> Result<Experiment, Vec<Fault>> {
+    let text = std::fs::read_to_string(path).expect("a file of the repository");
+    let reading = config::read::<Experiment>(&text, path, overrides, &PLUGINS);
+    let mut reading = reading.unwrap_or_else(|error| panic!("{error}"));
+    assert!(reading.notices.is_empty(), "{}: {:?}", path.display(), reading.notices);
+    let mut faults = Faults::new();
+    let folder = path.parent().expect("a file has a folder");
+    faults.within("simulator", |faults| reading.config.simulator.embed_files(folder, faults));
+    reading.config.validate(&mut faults);
+    if faults.found().is_empty() { Ok(reading.config) } else { Err(faults.into_found()) }
+}
+
+#[test]
+fn every_config_is_without_faults_and_shows_itself_as_it_is() {
+    let found = configs(&examples());
+    for name in [
+        "ant-quick",
+        "half-cheetah-quick",
+        "walker2d-quick",
+        "hopper-quick",
+        "paper/ant",
+        "own-plugins/cart-pole",
+    ] {
+        assert!(found.contains(&examples().join(format!("{name}.toml"))), "{name} is gone: {found:?}");
+    }
+    for path in found {
+        let experiment = read(&path, &[]).unwrap_or_else(|faults| panic!("{}: {faults:?}", path.display()));
+        let shown = config::show(&experiment).expect("it can be written");
+        let again =
+            config::read::<Experiment>(&shown, &path, &[], &PLUGINS).expect("what is shown can be read");
+        assert_eq!(config::show(&again.config).expect("it can be written"), shown, "{}", path.display());
+    }
+}
+
+#[test]
+fn the_configs_of_robots_with_legs_serve_both_engines() {
+    for path in
+        configs(&examples()).into_iter().filter(|path| !path.to_string_lossy().contains("own-plugins"))
+    {
+        for kind in ["rapier", "mujoco"] {
+            let overrides = [format!("simulator.kind={kind}")];
+            let experiment = read(&path, &overrides);
+            let experiment =
+                experiment.unwrap_or_else(|faults| panic!("{} {kind}: {faults:?}", path.display()));
+            assert_eq!(experiment.simulator.engine().name, kind, "{}", path.display());
+        }
+    }
+}
+
+#[test]
+fn the_presets_of_the_paper_have_its_sizes() {
+    for robot in ["ant", "half-cheetah", "walker2d"] {
+        let preset = read(&examples().join(format!("paper/{robot}.toml")), &[]).expect("no faults");
+        let sizes = &preset.discover;
+        let sizes = [sizes.candidates, sizes.contexts, sizes.steps, sizes.set_size, sizes.teachers];
+        assert_eq!(sizes, [600, 300, 200, 5, 10], "{robot}");
+        assert_eq!(preset.simulator.spec().expect("a built-in robot").robot, robot);
+    }
+}
