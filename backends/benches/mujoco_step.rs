@@ -29,7 +29,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         let text = robot.mjcf.clone();
         let mut simulator = MujocoConfig { robot: None, own_robot: Some(robot) }.build()?;
         let mut model = MjModel::from_xml_string(&text)?;
-        model.opt_mut().disableflags |= mjtDisableBit::mjDSBL_ACTUATION as i32;
+        for flag in [mjtDisableBit::mjDSBL_ACTUATION, mjtDisableBit::mjDSBL_ISLAND] {
+            model.opt_mut().disableflags |= flag as i32;
+        }
         let mut data = MjData::new(Box::new(model));
         let (mut bare, mut full) = (Vec::new(), Vec::new());
         for round in 0..ROUNDS {

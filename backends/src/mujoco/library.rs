@@ -14,8 +14,9 @@ static QUIET: Once = Once::new();
 /// The compiled model of an MJCF text, shared by everyone who asks for the same text. Compiling takes about a millisecond
 /// and happens in one thread at a time.
 ///
-/// The model never resets itself when a number goes bad (MuJoCo's default hides such states), and its actuators are
-/// off: torques are applied to the joints.
+/// The model never resets itself when a number goes bad (MuJoCo's default hides such states). Its actuators are off:
+/// torques are applied to the joints. Constraint islands are off too: a robot is one island, and looking for it takes
+/// nearly half of the ant's step.
 ///
 /// # Errors
 /// MuJoCo's message.
@@ -31,8 +32,9 @@ pub fn model(text: &str) -> Result<Arc<MjModel>, String> {
         return Ok(model);
     }
     let mut model = MjModel::from_xml_string(text).map_err(|error| error.to_string())?;
-    model.opt_mut().disableflags |=
-        mjtDisableBit::mjDSBL_AUTORESET as i32 | mjtDisableBit::mjDSBL_ACTUATION as i32;
+    let off =
+        [mjtDisableBit::mjDSBL_AUTORESET, mjtDisableBit::mjDSBL_ACTUATION, mjtDisableBit::mjDSBL_ISLAND];
+    off.into_iter().for_each(|flag| model.opt_mut().disableflags |= flag as i32);
     let model = Arc::new(model);
     models.push((text.to_owned(), Arc::downgrade(&model)));
     Ok(model)
