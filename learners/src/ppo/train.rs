@@ -9,7 +9,7 @@ use rand::seq::SliceRandom as _;
 
 use super::checkpoint::Progress;
 use super::config::PpoConfig;
-use super::environment::{Course, Environment, Outcome, draw_starts};
+use super::environment::{Course, Environment, Episode, Outcome, draw_starts};
 use super::experience::{Experience, Minibatch};
 use super::learner::Learner;
 use super::policy::GaussianMlpTeacher;
@@ -17,7 +17,7 @@ use crate::kernels::clipped_surrogate::{SurrogateBatch, clipped_surrogate};
 use crate::kernels::gae::{Discount, StepEnd, Trajectory, gae, normalize, value_targets};
 use crate::kernels::running_moments::Normalizer;
 use crate::kernels::value_loss::value_loss;
-use crate::nn::{DiagonalGaussian, GaussianBatch, Mlp, Scratch, clip_grad_norm};
+use crate::nn::{DiagonalGaussian, GaussianBatch, Scratch, clip_grad_norm};
 use crate::normalized_mlp::NormalizedMlp;
 
 /// Trains one teacher: `θ_{k+1} = argmax_θ E[L(s, a, θ_k, θ)]` (Eq. 2.3) again and again.
@@ -65,6 +65,14 @@ struct Ended {
     count: u64,
     total: f64,
     steps: u64,
+}
+
+impl Ended {
+    fn add(&mut self, episode: &Episode) {
+        self.count += 1;
+        self.total += episode.total;
+        self.steps += episode.steps;
+    }
 }
 
 impl<'a> Training<'a> {
@@ -124,29 +132,29 @@ impl<'a> Training<'a> {
     fn collect(&mut self, progress: &mut Progress, normalizer: &Normalizer) -> Result<Ended, TrainError> {
         let Self { experience, environments, course, scratch, .. } = self;
         let Progress { learner: Learner { policy, log_std, critic, .. }, record, .. } = progress;
-        let steps = self.config.steps_per_environment();
-        let (inputs, actions) = (self.spec.observation_size, self.spec.action_size());
-        let mut means = vec![0.0; actions];
-        let mut final_observation = vec![0.0; inputs];
-        let mut value = |observation: &[f32], critic: &Mlp, scratch: &mut Scratch| {
+        let critic = NormalizedMlp::new(normalizer.clone(), critic.clone());
+        let value = |observation: &[f32]| {
             let mut value = [0.0];
-            normalizer.apply(observation, &mut final_observation);
-            critic.forward_one(&final_observation, scratch, &mut value);
+            critic.evaluate(observation, &mut value);
             value[0]
         };
+        let steps = self.config.steps_per_environment();
+        let (inputs, actions) = (self.spec.observation_size, self.spec.action_size());
+        let (mut seen, mut means) = (vec![0.0; inputs], vec![0.0; actions]);
         let mut ended = Ended::default();
         for (index, environment) in environments.iter_mut().enumerate() {
-            let seed = self.seed.child("actions").index(record.iteration).index(index as u64);
-            let mut noise = seed.stream();
+            let mut noise = self.seed.child("actions").index(record.iteration).index(index as u64).stream();
             let first = index * steps;
             let mut row = first;
             while row < first + steps {
+                seen.copy_from_slice(environment.observation());
+                record.moments.update(&seen);
                 let observation = &mut experience.observations[row * inputs..][..inputs];
-                normalizer.apply(environment.observation(), observation);
-                record.moments.update(environment.observation());
+                normalizer.apply(&seen, observation);
                 policy.forward_one(observation, scratch, &mut means);
                 let action = &mut experience.actions[row * actions..][..actions];
                 DiagonalGaussian { means: &means, log_std }.sample(&mut noise, action);
+
                 match environment.step(action, course, &mut record.tally)? {
                     Outcome::Step { reward, end } => {
                         experience.rewards[row] = record.scaler.scale(index, reward) as f32;
@@ -154,36 +162,25 @@ impl<'a> Training<'a> {
                             End::Running => StepEnd::Running,
                             End::Terminated => StepEnd::Terminated,
                             End::Truncated => {
-                                let final_value = value(environment.observation(), critic, scratch);
-                                StepEnd::Truncated { final_value }
+                                StepEnd::Truncated { final_value: value(environment.observation()) }
                             }
                         };
                         row += 1;
                         if end == End::Running {
                             continue;
                         }
-                        ended.count += 1;
-                        ended.total += environment.episode().total;
-                        ended.steps += environment.episode().steps;
+                        ended.add(environment.episode());
                     }
-                    // The step did not take place. What came before it was cut short where the action was chosen.
-                    Outcome::Failed => {
-                        let before = (row > first).then(|| &mut experience.ends[row - 1]);
-                        if let Some(before @ StepEnd::Running) = before {
-                            let mut value = [0.0];
-                            critic.forward_one(
-                                &experience.observations[row * inputs..][..inputs],
-                                scratch,
-                                &mut value,
-                            );
-                            *before = StepEnd::Truncated { final_value: value[0] };
-                        }
+                    // The step did not take place; those before it were cut short.
+                    Outcome::Failed if row > first && experience.ends[row - 1] == StepEnd::Running => {
+                        experience.ends[row - 1] = StepEnd::Truncated { final_value: value(&seen) };
                     }
+                    Outcome::Failed => {}
                 }
                 record.scaler.end_episode(index);
                 environment.begin(course, &mut record.tally)?;
             }
-            experience.values_after[index] = value(environment.observation(), critic, scratch);
+            experience.values_after[index] = value(environment.observation());
         }
         Ok(ended)
     }
