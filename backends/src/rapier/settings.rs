@@ -16,7 +16,7 @@ pub(super) fn parameters(control_step: f64, division: Division) -> IntegrationPa
         dt: control_step / division.steps as f64,
         num_solver_iterations: division.substeps,
         // Nothing is carried from step to step but coordinates: without this a restored state does not continue as
-        // the run did, and robots at rest tremble (see the module's table). More iterations make up for it.
+        // the run did, and robots at rest tremble (figures in the module). More iterations make up for it.
         warmstart_coefficient: 0.0,
         contact_recycling: false,
         num_internal_pgs_iterations: 4,
@@ -32,7 +32,7 @@ pub(super) fn parameters(control_step: f64, division: Division) -> IntegrationPa
 /// second. (The engine's own default returns within one part of a step, with hundreds of rad/s; and a soft spring would
 /// depend on the length of the step, because the engine forgets the velocity with which it corrects positions.)
 pub(super) fn limit_softness() -> SpringCoefficients<f64> {
-    // Rate of return ω / (2 ζ) = 0.5/s; a compliance of 1/(2 ζ² · rate · step), about 1e-4, is as good as none.
+    // Rate of return ω / (2 ζ) = 0.5/s; the compliance, 1/(4 ζ² · rate · step) or about 1e-4, is as good as none.
     let (angular_frequency, damping_ratio) = (1000.0, 1000.0);
     SpringCoefficients::new(angular_frequency / std::f64::consts::TAU, damping_ratio)
 }
