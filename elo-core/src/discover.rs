@@ -132,6 +132,12 @@ pub fn discover(experiment: &Experiment, crew: &Crew<'_>) -> Result<Discovery, R
     let teacher_mean = mean(candidates.iter().map(|candidate| candidate.teacher_return));
     let scoring = run.scoring(teacher_mean);
     let selection = experiment.selector.select(&mut bench, &scoring).map_err(unwrap_select)?;
+    if let Some(empty) = selection.choices.iter().find(|choice| choice.chosen.is_empty()) {
+        return Err(RunError::Select(format!(
+            "no candidate can be chosen by {}: see `failures`",
+            empty.metric
+        )));
+    }
 
     let rollouts = std::mem::take(&mut bench.rollouts);
     Ok(Discovery { spec: run.spec.clone(), teachers, candidates, given_up, rollouts, contexts, selection })

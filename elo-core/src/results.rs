@@ -144,7 +144,9 @@ fn list_failures(text: &mut String, table: &str, rows: &[&[Rollout]]) {
                 Ending::Truncated => "cut short by the environment",
                 Ending::Horizon | Ending::Terminated => continue,
             };
-            let _ = writeln!(text, "{table},{row},{context},\"{}\"", reason.replace('"', "\"\""));
+            // One line a failure, whatever an engine wrote.
+            let reason = reason.lines().map(str::trim).collect::<Vec<_>>().join(" | ").replace('"', "\"\"");
+            let _ = writeln!(text, "{table},{row},{context},\"{reason}\"");
         }
     }
 }

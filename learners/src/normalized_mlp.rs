@@ -73,7 +73,8 @@ impl NormalizedMlp {
         tensors
     }
 
-    /// Reads what [`Self::to_tensors`] wrote, of any depth and width within; other tensors are ignored.
+    /// Reads what [`Self::to_tensors`] wrote, of any depth and width within; tensors that are no part of a network are
+    /// ignored.
     ///
     /// # Errors
     /// A tensor is missing, does not fit its neighbours, `inputs` or `outputs`, or holds a number that is not finite.
@@ -112,6 +113,10 @@ impl NormalizedMlp {
             params.extend(finite(&weight_name(index), &[before, width])?);
             params.extend(finite(&bias_name(index), &[width])?);
             sizes.push(width);
+        }
+        // A bias after the last layer belongs to a layer whose weight was lost.
+        if tensors.get(&bias_name(sizes.len() - 1)).is_ok() {
+            return Err(TensorError::Missing(weight_name(sizes.len() - 1)));
         }
         let network = Mlp::from_params(&sizes, params).expect("every width was checked above");
         Ok(Self { normalizer, network })

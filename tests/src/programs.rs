@@ -127,10 +127,10 @@ pub fn elo_with<S: AsRef<std::ffi::OsStr>>(arguments: &[S]) -> Command {
     command
 }
 
-/// `elo discover CONFIG --out OUT`, with two workers, ready for more arguments.
+/// `elo discover CONFIG --out OUT`, ready for more arguments.
 pub fn discover(program: &Path, config: &Path, out: &Path) -> Command {
     let mut command = Command::new(program);
-    command.arg("discover").arg(config).arg("--out").arg(out).args(["--workers", "2"]);
+    command.arg("discover").arg(config).arg("--out").arg(out);
     command
 }
 

@@ -46,7 +46,7 @@ pub struct WaywardConfig {
     pub unstable: bool,
     /// Reward terms are not a number in tasks whose mass is above 5.
     pub heavy_is_not_a_number: bool,
-    /// Ends its process when an action is above 2, which no teacher does.
+    /// Ends its process when an action is above 50, which no teacher does.
     pub dies: Dies,
 }
 
@@ -131,7 +131,7 @@ impl Simulator for Wayward {
         if std::mem::take(&mut self.fragile) && action[0] > 0.0 {
             return Err(SimulatorError::Unstable("pushed to the right from a fragile start".to_owned()));
         }
-        if action[0] > 2.0 {
+        if action[0] > 50.0 {
             self.config.dies.perhaps();
         }
         if self.not_a_number {
@@ -187,7 +187,7 @@ impl OptionLearner for WaywardLearner {
         let drawn = seed.stream().random::<f64>();
         let mut demonstration = demonstration.clone();
         if drawn < self.overdriven_share {
-            demonstration.actions.fill(3.0);
+            demonstration.actions.fill(60.0);
         } else if drawn < self.overdriven_share + self.not_a_number_share {
             return Ok(Box::new(NotANumber));
         }

@@ -19,16 +19,17 @@ const ALLOWED: [(&str, &[&str]); 4] = [
 const NOT_IN_CORE: [&str; 8] =
     ["rapier3d-f64", "mujoco-rs", "mjcf-rs", "nalgebra", "faer", "clap", "indicatif", "pyo3"];
 
-fn metadata(arguments: &[&str]) -> Value {
+/// What cargo prints when run in the workspace.
+fn cargo(arguments: &[&str]) -> String {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace");
     let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
         .args(arguments)
+        .args(["--locked", "--offline"])
         .current_dir(root)
         .output()
         .expect("cargo runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).expect("JSON")
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("UTF-8")
 }
 
 fn list<'a>(value: &'a Value, field: &str) -> &'a [Value] {
@@ -69,7 +70,8 @@ fn wrong(arrows: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
 
 #[test]
 fn arrows_point_to_the_core() {
-    let arrows = arrows(&metadata(&["--no-deps"]));
+    let metadata = cargo(&["metadata", "--format-version", "1", "--no-deps"]);
+    let arrows = arrows(&serde_json::from_str(&metadata).expect("JSON"));
     for (package, _) in ALLOWED {
         assert!(arrows.contains_key(package), "{package} is gone: {arrows:?}");
     }
@@ -100,38 +102,21 @@ fn arrows_that_point_the_wrong_way_are_seen() {
     assert_eq!(found, expected);
 }
 
-/// The names of all packages that `package` is built from, itself among them, without what only tests and build scripts
-/// need.
-fn closure(metadata: &Value, package: &str) -> BTreeSet<String> {
-    let names: BTreeMap<&str, &str> = list(metadata, "packages")
-        .iter()
-        .map(|package| (text(package, "id"), text(package, "name")))
-        .collect();
-    let nodes: BTreeMap<&str, &Value> =
-        list(&metadata["resolve"], "nodes").iter().map(|node| (text(node, "id"), node)).collect();
-    let normal =
-        |dependency: &&Value| list(dependency, "dep_kinds").iter().any(|kind| kind["kind"].is_null());
-    let mut open: Vec<&str> = names.iter().filter(|(_, name)| **name == package).map(|(id, _)| *id).collect();
-    let mut found = BTreeSet::new();
-    while let Some(id) = open.pop() {
-        if found.insert(id) {
-            open.extend(
-                list(nodes[id], "deps").iter().filter(normal).map(|dependency| text(dependency, "pkg")),
-            );
-        }
-    }
-    found.iter().map(|id| names[id].to_owned()).collect()
+/// The names of all packages that are linked into `package` with its default features, itself among them.
+fn closure(package: &str) -> BTreeSet<String> {
+    let tree =
+        cargo(&["tree", "--package", package, "--edges", "normal", "--prefix", "none", "--format", "{p}"]);
+    tree.lines().filter_map(|line| line.split(' ').next()).map(str::to_owned).collect()
 }
 
 #[test]
 fn the_core_is_built_without_engines_and_the_program_without_mujoco() {
-    let metadata = metadata(&[]);
-    let core = closure(&metadata, "elo-core");
+    let core = closure("elo-core");
     assert!(core.contains("safetensors"), "{core:?}");
     for name in NOT_IN_CORE {
         assert!(!core.contains(name), "elo-core is built from {name}");
     }
-    let program = closure(&metadata, "elo-cli");
+    let program = closure("elo-cli");
     assert!(program.contains("rapier3d-f64"), "{program:?}");
     assert!(!program.contains("mujoco-rs"), "elo links libmujoco, which may be absent");
 }

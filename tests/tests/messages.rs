@@ -75,7 +75,7 @@ const CASES: &[Case] = &[
         changes: &[("\"negative_tail\"", "\"negativ_tail\"")],
         arguments: BAD,
         code: 2,
-        stderr: "elo: bad.toml:50: `metrics[1].kind`: expected a kind of metric (maximum_mean, negative_tail, \
+        stderr: "elo: bad.toml:47: `metrics[1].kind`: expected a kind of metric (maximum_mean, negative_tail, \
                  positive_skew), got the text \"negativ_tail\"; did you mean \"negative_tail\"?",
     },
     Case {
