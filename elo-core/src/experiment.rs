@@ -154,12 +154,6 @@ pub struct ReportPlan {
     /// Coverage of the intervals.
     #[schemars(range(min = 0.5, max = 0.999))]
     pub confidence: f64,
-    /// Control steps of an additional run of the infant agent, several options in a row; 0 leaves it out. Figures for
-    /// one option need no such run.
-    pub lifetime_steps: usize,
-    /// Probability that a decision of that agent is one random primitive action instead of an option.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub primitive_probability: f64,
 }
 
 impl Default for ReportPlan {
@@ -170,8 +164,6 @@ impl Default for ReportPlan {
             alpha: 1.0,
             bootstrap_draws: 2000,
             confidence: 0.95,
-            lifetime_steps: 0,
-            primitive_probability: 0.0,
         }
     }
 }

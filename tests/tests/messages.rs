@@ -243,7 +243,7 @@ const CASES: &[Case] = &[
         arguments: &["discover", "toy.toml", "--out", "never", "--set", "report.context=5"],
         code: 2,
         stderr: "elo: --set report.context=5: `report.context`: is unknown; expected one of contexts, random_subsets, \
-                 alpha, bootstrap_draws, confidence, lifetime_steps, primitive_probability; did you mean `contexts`?",
+                 alpha, bootstrap_draws, confidence; did you mean `contexts`?",
     },
     Case {
         what: "override of an item that is not there",
