@@ -158,13 +158,7 @@ pub struct ReportPlan {
 
 impl Default for ReportPlan {
     fn default() -> Self {
-        Self {
-            contexts: 300,
-            random_subsets: 10,
-            alpha: 1.0,
-            bootstrap_draws: 2000,
-            confidence: 0.95,
-        }
+        Self { contexts: 300, random_subsets: 10, alpha: 1.0, bootstrap_draws: 2000, confidence: 0.95 }
     }
 }
 
