@@ -410,8 +410,9 @@ mod tests {
         }
     }
 
-    /// What the critic thinks of the only observation, in unscaled rewards, after 15 000 steps with γ = 0.9.
-    fn learned_value(end: End, max_episode_steps: u64) -> f64 {
+    /// What the critic thinks of the only observation, in unscaled rewards, after 15 000 steps with γ = 0.9; and the
+    /// factor by which rewards were scaled.
+    fn learned(end: End, max_episode_steps: u64) -> (f64, f64) {
         let config = PpoConfig {
             steps: 15_000,
             rollout_steps: 300,
@@ -440,23 +441,27 @@ mod tests {
         let mut observation = [0.0];
         progress.record.moments.normalizer().apply(&[0.5], &mut observation);
         progress.learner.critic.forward_one(&observation, &mut Scratch::default(), &mut value);
-        f64::from(value[0]) / progress.record.scaler.factor()
+        let factor = progress.record.scaler.factor();
+        (f64::from(value[0]) / factor, factor)
     }
 
     #[test]
     fn a_time_limit_is_not_death_to_the_critic() {
         // Whoever is cut short after five steps would have earned 1 + γ + γ² + … = 10 from any of them on, in the mean
         // over episodes. Were the cut taken for an end, it would be the mean of 1, 1.9, 2.71, 3.44, 4.10: 2.63.
-        let cut = learned_value(End::Running, 5);
+        let (cut, _) = learned(End::Running, 5);
         assert!((cut - 10.0).abs() < 1.0, "{cut}");
-        let cut_by_the_simulator = learned_value(End::Truncated, 5);
+        let (cut_by_the_simulator, _) = learned(End::Truncated, 5);
         assert!((cut_by_the_simulator - 10.0).abs() < 1.0, "{cut_by_the_simulator}");
     }
 
     #[test]
     fn the_end_of_an_episode_is() {
         // Nothing comes after the one step of each episode.
-        let ended = learned_value(End::Terminated, 5);
+        let (ended, factor) = learned(End::Terminated, 5);
         assert!((ended - 1.0).abs() < 0.2, "{ended}");
+        // Nor does anything go before it in the returns that rewards are scaled by: ½ and 1½ deviate by ½. Discounted
+        // sums over many such steps would deviate by ½ / √(1 - γ²) = 1.15.
+        assert!((1.0 / factor - 0.5).abs() < 0.05, "{factor}");
     }
 }
