@@ -2,14 +2,14 @@
 //! (1000 control steps, standard reset, mean action, no exploration) of every policy kept during training.
 //!
 //! ```sh
-//! cargo run --release -p learning-curves -- rapier half-cheetah 2000000 3 > curve.csv
-//! cargo run --release -p learning-curves --features mujoco -- mujoco ant 2000000 3 > curve.csv
+//! cargo run --release -p measurements --bin learning-curves -- rapier half-cheetah 2000000 3 > curve.csv
+//! cargo run --release -p measurements --features mujoco --bin learning-curves -- mujoco ant 2000000 3 gamma=0.99
 //! ```
 //!
-//! Arguments: engine, robot, simulator steps, number of seeds. Seeds are trained in turn on one core each, as many at a
+//! Arguments: engine, robot, simulator steps, number of seeds, then fields of the teacher's config that differ from its
+//! defaults, with their values in JSON. Seeds are trained in turn on one core each, as many at a
 //! time as there are cores.
 
-use std::error::Error;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -20,24 +20,24 @@ use elo_core::rollout::{Ending, Horizon, price, rollout};
 use elo_core::seed::Seed;
 use elo_core::simulator::SimulatorConfig;
 use elo_core::task::Task;
+use measurements::{Failure, plugin, robot};
 
 /// Episodes behind each point of a curve.
 const EPISODES: u64 = 20;
 
-type Failure = Box<dyn Error + Send + Sync>;
-
 fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [engine, robot, steps, seeds] = arguments.as_slice() else {
-        return Err("expected: ENGINE ROBOT STEPS SEEDS, e.g. rapier half-cheetah 2000000 3".into());
+    let [engine, robot_name, steps, seeds, fields @ ..] = arguments.as_slice() else {
+        return Err("expected: ENGINE ROBOT STEPS SEEDS [FIELD=VALUE]…, e.g. rapier half-cheetah 2000000 3".into());
     };
     let (steps, seeds): (u64, u64) = (steps.parse()?, seeds.parse()?);
-    // The plugins are found by their kind, so their crates must be linked.
-    let _linked = [elo_backends::PLUGINS, elo_learners::PLUGINS];
-    let simulator: Box<dyn SimulatorConfig> =
-        serde_json::from_value(serde_json::json!({"kind": engine, "robot": robot}))?;
-    let teacher: Box<dyn TeacherConfig> =
-        serde_json::from_value(serde_json::json!({"kind": "ppo", "steps": steps}))?;
+    let simulator = robot(engine, robot_name)?;
+    let mut teacher_fields = vec![("steps", steps.into())];
+    for assignment in fields {
+        let (field, value) = assignment.split_once('=').ok_or("expected FIELD=VALUE, e.g. gamma=0.99")?;
+        teacher_fields.push((field, serde_json::from_str(value)?));
+    }
+    let teacher: Box<dyn TeacherConfig> = plugin("ppo", &teacher_fields)?;
 
     println!("engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls");
     let (next, trouble) = (AtomicU64::new(1), Mutex::new(None));
@@ -52,7 +52,7 @@ fn main() -> Result<(), Failure> {
                     }
                     match curve(simulator.as_ref(), teacher.as_ref(), seed) {
                         Ok(lines) => {
-                            print!("{}", lines.replace("PREFIX", &format!("{engine},{robot},{seed}")))
+                            print!("{}", lines.replace("PREFIX", &format!("{engine},{robot_name},{seed}")))
                         }
                         Err(error) => *trouble.lock().expect("no thread panics with it") = Some(error),
                     }
