@@ -57,7 +57,8 @@ fn main() -> Result<(), Failure> {
     println!("falls,{:.2}", falls / count);
     for (index, term) in spec.reward_terms.iter().enumerate() {
         let paid: f64 = done.iter().map(|r| r.term_sums[index] * prices[index]).sum();
-        println!("{}_a_step,{:.3}", term.name, paid / all_steps);
+        // A sum of nothing may be -0.
+        println!("{}_a_step,{:.3}", term.name, paid / all_steps + 0.0);
     }
     for age in AGES {
         let alive = |r: &&Rollout| r.length > age || r.length == age && r.ending == Ending::Horizon;
