@@ -469,7 +469,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 }
 
 /// A second copy of a plugin's config. Configs are plain data, so writing and reading one loses nothing.
-pub(crate) fn duplicate<T>(config: &T) -> T
+pub fn duplicate<T>(config: &T) -> T
 where
     T: serde::Serialize + serde::de::DeserializeOwned,
 {

@@ -402,3 +402,17 @@ fn a_plan_of_a_hundred_thousand_candidates_is_quick_and_small() {
     assert!(ran.stdout.contains("MiB at most"), "{ran}");
     assert!(!Path::new("runs/toy").exists(), "a plan leaves nothing");
 }
+
+#[test]
+fn a_plan_measures_time_where_the_engine_runs() {
+    let quick = programs::repository().join("examples/half-cheetah-quick.toml");
+    let time = |engine: &str| {
+        let mut command = elo_with(&["discover", "--plan", "--set", &format!("simulator.kind={engine}")]);
+        let ran = run(command.arg(&quick)).expect_success();
+        assert!(ran.stdout.lines().any(|line| line.starts_with("time ") && line.contains("about")), "{ran}");
+    };
+    time("rapier");
+    if programs::mujoco("a_plan_measures_time_where_the_engine_runs").is_some() {
+        time("mujoco");
+    }
+}

@@ -26,7 +26,7 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let experiment = load::experiment(&arguments.config, &arguments.overrides, plugins)?;
     let workers = workers(arguments.workers)?;
     if arguments.plan {
-        return print(&plan::plan(&experiment, workers, plugins)?);
+        return print(&plan::plan(&experiment, workers)?);
     }
     ready_to_run(&experiment)?;
     let folder = arguments.out.clone().unwrap_or_else(|| default_folder(&arguments.config));

@@ -3,19 +3,23 @@
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-use elo_core::agent::RandomTorque;
 use elo_core::context::{Context, PreparedStart};
+use elo_core::crew::Hosts as _;
+use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
-use elo_core::plugin::Plugin;
-use elo_core::rollout::{Horizon, rollout};
+use elo_core::policy::Unwatched;
+use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::Task;
+use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::{Site, Work, prepare};
 
 use crate::exit::Exit;
+use crate::hosts::Beside;
 use crate::progress::duration;
 
 /// Simulator steps, disk and time of `experiment`, in words.
-pub fn plan(experiment: &Experiment, workers: usize, plugins: &[&[Plugin]]) -> Result<String, Exit> {
+pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     let spec = experiment.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
     let sizes = &experiment.discover;
     let prefix = u64::from(experiment.initial_states.max_random_steps) / 2;
@@ -39,19 +43,14 @@ pub fn plan(experiment: &Experiment, workers: usize, plugins: &[&[Plugin]]) -> R
     let teachers = sizes.teachers as u64 * (8 << 20);
 
     let mut text = format!("{}, {} workers\n", spec.robot, workers);
-    let step = seconds_per_step(experiment, plugins);
+    let step = seconds_per_step(experiment);
     for (stage, steps) in stages {
         let _ = write!(text, "{stage:<20} {:>16} simulator steps at most", grouped(steps));
-        match step {
-            Some(step) => {
-                let _ = writeln!(
-                    text,
-                    ", {:>8}",
-                    duration(Duration::from_secs_f64(steps as f64 * step / workers as f64))
-                );
-            }
-            None => text.push('\n'),
+        if let Ok(step) = &step {
+            let time = Duration::from_secs_f64(steps as f64 * step / workers as f64);
+            let _ = write!(text, ", {:>8}", duration(time));
         }
+        text.push('\n');
     }
     let total: u64 = stages.iter().map(|(_, steps)| steps).sum();
     let _ = writeln!(text, "{:<20} {:>16} simulator steps", "all", grouped(total));
@@ -59,7 +58,7 @@ pub fn plan(experiment: &Experiment, workers: usize, plugins: &[&[Plugin]]) -> R
         writeln!(text, "{:<20} {:>16} MiB at most", "disk", grouped((recorded + tables + teachers) >> 20));
     let _ = writeln!(text, "{:<20} {:>16} MiB at most", "memory", grouped((rollouts * 120 + teachers) >> 20));
     match step {
-        Some(step) => {
+        Ok(step) => {
             let time = Duration::from_secs_f64(total as f64 * step / workers as f64);
             let _ = writeln!(text, "{:<20} {:>16}", "time", format!("about {}", duration(time)));
             text.push_str(
@@ -67,28 +66,46 @@ pub fn plan(experiment: &Experiment, workers: usize, plugins: &[&[Plugin]]) -> R
                  starts that fall and are drawn again come on top.\n",
             );
         }
-        None => text.push_str("The engine does not run inside this program, so no time was measured.\n"),
+        Err(why) => {
+            let _ = writeln!(text, "No time was measured: {why}");
+        }
     }
     Ok(text)
 }
 
-/// Simulated seconds of one control step, from about a third of a second of random actions.
-fn seconds_per_step(experiment: &Experiment, _: &[&[Plugin]]) -> Option<f64> {
-    if experiment.simulator.worker().is_some() {
-        return None;
-    }
-    let mut simulator = experiment.simulator.build().ok()?;
-    let mut agent = RandomTorque::new(simulator.spec());
-    let horizon = Horizon { steps: 200, discount: 1.0, stop_at_fall: true };
-    let (begun, mut steps, mut episode) = (Instant::now(), 0u64, 0u64);
+/// Seconds of one control step, from about a third of a second of random actions where the run would take them: in this
+/// program or in the engine's worker. Or why it could not be measured.
+fn seconds_per_step(experiment: &Experiment) -> Result<f64, String> {
+    let start = |seed| Context { task: Task::default(), start: PreparedStart::standard(seed) };
+    let work = Work::from(Evaluate {
+        simulator: duplicate(&experiment.simulator),
+        subjects: vec![Subject { name: "plan".to_owned(), behavior: Behavior::RandomTorque }],
+        contexts: 1,
+        horizon: Horizon { steps: 200, discount: 1.0, stop_at_fall: true },
+        seed: Seed::root(0),
+    });
+    let inputs = [prepare::encode(&(0..10).map(start).collect::<Vec<_>>())];
+    let mut here = Site::new(Vec::new());
+    let mut worker = match experiment.simulator.worker() {
+        Some(program) => Some(Beside.start(program).map_err(|fault| fault.to_string())?),
+        None => None,
+    };
+    let job = serde_json::to_vec(&work).expect("descriptions are plain data");
+    let mut steps = || -> Result<u64, String> {
+        let bytes = match &mut worker {
+            Some(worker) => worker.run(&job, &inputs, &mut Unwatched).map_err(|fault| fault.to_string())?,
+            None => work.perform(&inputs, &mut here, &mut Unwatched).map_err(|error| error.to_string())?,
+        };
+        let table = RolloutTable::decode(&bytes).map_err(|error| error.to_string())?;
+        Ok(table.rollouts.iter().map(|rollout| u64::from(rollout.length)).sum())
+    };
+    // The first time builds the simulator.
+    steps()?;
+    let (begun, mut taken) = (Instant::now(), 0);
     while begun.elapsed() < Duration::from_millis(300) {
-        let seed = Seed::root(0).index(episode);
-        let context = Context { task: Task::default(), start: PreparedStart::standard(episode) };
-        steps +=
-            u64::from(rollout(simulator.as_mut(), &mut agent, &context, &horizon, &mut seed.stream()).length);
-        episode += 1;
+        taken += steps()?.max(1);
     }
-    (steps > 0).then(|| begun.elapsed().as_secs_f64() / steps as f64)
+    Ok(begun.elapsed().as_secs_f64() / taken as f64)
 }
 
 /// A number with its thousands apart.

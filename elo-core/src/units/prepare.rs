@@ -63,8 +63,13 @@ impl Prepare {
                 .map_err(|error| WorkError::Failed(format!("context {j}: {error}")))?;
             contexts.push(Context { task, start });
         }
-        Ok(codec::encode(&contexts, &[]))
+        Ok(encode(&contexts))
     }
+}
+
+/// The bytes of contexts.
+pub fn encode(contexts: &[Context]) -> Vec<u8> {
+    codec::encode(&contexts, &[])
 }
 
 /// Reads a unit's result: its contexts in order.
