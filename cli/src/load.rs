@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use elo_core::config;
+use elo_core::config::{self, ConfigError};
 use elo_core::experiment::Experiment;
 use elo_core::fault::Faults;
 use elo_core::plugin::Plugin;
@@ -17,18 +17,28 @@ const MAX_BYTES: u64 = 16 << 20;
 pub fn experiment(path: &Path, overrides: &[String], plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
     let text = read_text(path)?;
     let folder = path.parent().unwrap_or(Path::new("."));
-    from_text(&text, (path, folder), overrides, plugins)
+    checked((&text, path), folder, overrides, plugins).map_err(|error| Exit::BadInput(error.to_string()))
 }
 
-/// Checks the experiment in `text`, which messages call `name`; files that it refers to are looked for in `folder`.
-pub fn from_text(
+/// Checks the experiment that the file `name` holds in another form, which is `text` in TOML.
+pub fn embedded(
     text: &str,
-    (name, folder): (&Path, &Path),
+    name: &Path,
     overrides: &[String],
     plugins: &[&[Plugin]],
 ) -> Result<Experiment, Exit> {
-    let bad = |error: config::ConfigError| Exit::BadInput(error.to_string());
-    let mut reading = config::read::<Experiment>(text, name, overrides, plugins).map_err(bad)?;
+    checked((text, name), Path::new("."), overrides, plugins)
+        .map_err(|error| Exit::BadInput(error.without_lines().to_string()))
+}
+
+/// Checks the experiment in a text with a name; files that it refers to are looked for in `folder`.
+fn checked(
+    (text, name): (&str, &Path),
+    folder: &Path,
+    overrides: &[String],
+    plugins: &[&[Plugin]],
+) -> Result<Experiment, ConfigError> {
+    let mut reading = config::read::<Experiment>(text, name, overrides, plugins)?;
     for notice in &reading.notices {
         print_error(notice);
     }
@@ -40,7 +50,7 @@ pub fn from_text(
     if faults.found().is_empty() {
         Ok(reading.config)
     } else {
-        Err(bad(reading.places.error(faults.into_found())))
+        Err(reading.places.error(faults.into_found()))
     }
 }
 

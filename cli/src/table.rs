@@ -22,8 +22,11 @@ pub fn report(report: &Report, confidence: f64) -> String {
     );
     let _ = writeln!(
         text,
-        "Every figure below is from held-out contexts, with its {:.0} % interval over contexts. mean, IQM and score are of\n\
-         returns normalised by ({:+.2}, then / {:.2}); tails are Pr(V < μ* − α σ*) and Pr(V > μ*), μ* = {:.3}, σ* = {:.3}.",
+        "They begin after {:.1} random steps on average ({:.1} draws fell before a start was found).\n\
+         Every figure below is from held-out contexts, with its {:.0} % interval over contexts. mean, IQM and score are of\n\
+         returns normalised as (return {:+.2}) / {:.2}; tails are Pr(V < μ* − α σ*) and Pr(V > μ*), μ* = {:.3}, σ* = {:.3}.",
+        report.starts.mean_random_steps,
+        report.starts.mean_redraws,
         confidence * 100.0,
         -report.scale.offset,
         report.scale.scale,
@@ -59,12 +62,10 @@ pub fn report(report: &Report, confidence: f64) -> String {
 /// The table that `elo evaluate` ends with.
 pub fn evaluation(evaluation: &Evaluation) -> String {
     let mut text = String::new();
-    let Evaluation { metric, robot, engine, seed, contexts, .. } = evaluation;
+    let Evaluation { metric, robot, engine, seed, made_with_seed, contexts, .. } = evaluation;
+    let kind = if seed == made_with_seed { "held-out contexts of the run's own" } else { "fresh contexts" };
     let (name, version) = (&engine.name, &engine.version);
-    let _ = writeln!(
-        text,
-        "\n{metric} set of {robot} in {name} {version}: {contexts} fresh contexts, seed {seed}"
-    );
+    let _ = writeln!(text, "\n{metric} set of {robot} in {name} {version}: {contexts} {kind}, seed {seed}");
     heading(&mut text);
     line(&mut text, "the set", &evaluation.set);
     for row in &evaluation.options {
@@ -104,7 +105,7 @@ fn line(text: &mut String, name: &str, row: &Row) {
 
 fn comparisons(text: &mut String, against: &[Comparison]) {
     for comparison in against {
-        let name = format!("set less {}", comparison.baseline);
+        let name = format!("set minus {}", comparison.baseline);
         let _ = writeln!(text, "{name:<34} {:>24}", interval(&comparison.difference, 1));
     }
 }

@@ -27,6 +27,8 @@ pub struct Evaluation {
     pub engine: Engine,
     /// The root seed of the contexts.
     pub seed: u64,
+    /// The root seed of the run that made the set. Where it is the same, the contexts are those of that run's report.
+    pub made_with_seed: u64,
     /// How many contexts.
     pub contexts: usize,
     /// The infant agent with the set.
@@ -88,6 +90,7 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
             robot: run.spec.robot.clone(),
             engine: run.experiment.simulator.engine(),
             seed: run.experiment.seed,
+            made_with_seed: manifest.experiment["seed"].as_u64().unwrap_or_default(),
             contexts: contexts.count,
             set: yardstick.row(&whole)?,
             options: members.iter().enumerate().map(option).collect::<Result<_, _>>()?,

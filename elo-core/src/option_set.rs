@@ -108,6 +108,11 @@ impl OptionSet {
     /// # Errors
     /// See [`OptionSetError`]; the message names the file and what is wrong with it.
     pub fn read(folder: &Path) -> Result<Self, OptionSetError> {
+        let sets = folder.join("results").join("option_sets");
+        if sets.is_dir() {
+            let reason = format!("is a run directory; its option sets are the folders in {}", sets.display());
+            return Err(OptionSetError::Invalid { path: folder.to_owned(), reason });
+        }
         let path = folder.join("manifest.json");
         let text = read_capped(&path, MAX_MANIFEST_BYTES)?;
         let invalid = |path: &Path, reason: String| OptionSetError::Invalid { path: path.to_owned(), reason };

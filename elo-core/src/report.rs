@@ -153,7 +153,7 @@ pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError>
     let view = View { run, discovery, contexts: &contexts, yardstick };
     let subset_rows: Vec<&[Rollout]> = subsets.iter().flatten().map(|id| options[id].as_slice()).collect();
     let sample = |name: &str, rows: &[&[Rollout]]| view.yardstick.sample(name, rows, &contexts.prices);
-    let mut baselines = vec![sample("random subsets of the candidates", &subset_rows)];
+    let mut baselines = vec![sample("random K-subsets", &subset_rows)];
     baselines.extend(
         names
             .iter()

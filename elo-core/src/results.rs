@@ -3,7 +3,7 @@
 //! | file in `results/` | shape | what |
 //! | --- | --- | --- |
 //! | `report.json` | | [`crate::report::Report`] |
-//! | `config.toml` (beside `results/`) | | the whole resolved config; running it gives the same bytes |
+//! | `experiment.toml` (beside `results/`) | | the whole resolved config; running it gives the same bytes |
 //! | `option_sets/<metric>/` | | [`crate::option_set::OptionSet`], one folder a metric |
 //! | `candidates.csv` | N rows | number, teacher, retakes, teacher_return, then one score column a metric |
 //! | `contexts_{select,report}.csv` | Z rows | task parameters, random_steps, redraws |
@@ -37,6 +37,10 @@ pub fn write(run: &Run<'_>, discovery: &Discovery, held_out: &HeldOut) -> Result
     let mut report = serde_json::to_vec_pretty(&held_out.report).expect("a report is plain data");
     report.push(b'\n');
 
+    // Sets of another config that wrote here would stand beside this one's.
+    let folders: Vec<String> =
+        discovery.selection.choices.iter().map(|choice| folder_name(&choice.metric)).collect();
+    run.crew.run_dir.keep_only("results/option_sets", &folders)?;
     for (index, choice) in discovery.selection.choices.iter().enumerate() {
         for (name, bytes) in option_set(run, discovery, index)?.files() {
             put(&format!("option_sets/{}/{name}", folder_name(&choice.metric)), &bytes)?;

@@ -271,8 +271,8 @@ const CASES: &[Case] = &[
         what: "run directory is a file",
         changes: &[],
         arguments: &["discover", "toy.toml", "--out", "file"],
-        code: 1,
-        stderr: "elo: cannot use `file` as a run directory: Not a directory (os error 20)",
+        code: 2,
+        stderr: "elo: --out: file is no folder",
     },
     Case {
         what: "missing option set",

@@ -171,7 +171,12 @@ fn another_metric_trains_and_measures_nothing_again() {
 #[test]
 fn another_k_and_another_set_size_train_nothing_again() {
     let (_folder, out) = changed(TOY, &["metrics[1].k=0.1", "metrics[1].alpha=0.5"]);
-    assert!(out.join("results/report.json").exists());
+    let sets = std::fs::read_dir(out.join("results/option_sets")).unwrap();
+    let mut sets: Vec<_> = sets.map(|entry| entry.unwrap().file_name()).collect();
+    sets.sort();
+    assert_eq!(sets, ["maximum_mean", "negative_tail_k_0.1"], "the set of the earlier k is gone");
+    let ran = run(elo_with(&["evaluate"]).arg(&out)).expect_code(2);
+    assert!(ran.stderr.contains("is a run directory; its option sets are the folders in"), "{ran}");
     let (_folder, out) = changed(TOY, &["discover.set_size=2", "report.random_subsets=1"]);
     let report: Report =
         serde_json::from_slice(&std::fs::read(out.join("results/report.json")).unwrap()).unwrap();

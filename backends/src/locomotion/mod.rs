@@ -22,3 +22,4 @@ mod read;
 pub mod reward;
 pub mod robot;
 pub mod simulator;
+mod vocabulary;

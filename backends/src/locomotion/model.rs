@@ -197,6 +197,28 @@ mod tests {
     }
 
     #[test]
+    fn bodies_floors_and_rules_that_make_no_sense_are_named() {
+        let cheetah = built_in("half-cheetah").unwrap();
+        let refused = |from: &str, to: &str, said: &str| {
+            let mut own = cheetah.clone();
+            own.mjcf = own.mjcf.replacen(from, to, 1);
+            assert_ne!(own.mjcf, cheetah.mjcf, "{from}");
+            let found = messages(RobotModel::load(&own).unwrap_err());
+            assert!(found.iter().any(|message| message.contains(said)), "{found:?}");
+        };
+        refused(r#"range="-0.4 0.785""#, r#"range="0.785 -0.4""#, "lower end first");
+        refused(r#"mass="9.4573""#, r#"mass="-9""#, "mass=\"-9\": expected more than 0");
+        refused("1.56463 1.56463 1.56463", "1 1 5", "greater than the sum of the others");
+        refused(r#"size="0 0 1""#, r#"size="0 0 1" pos="0 0 0.5""#, "level at height 0");
+        refused(r#"size="0 0 1""#, r#"size="0 0 1" euler="0.3 0 0""#, "level at height 0");
+        refused(r#"friction="0.64 0 0""#, r#"friction="-1 0 0""#, "friction=\"-1 …\"");
+        let mut fallen = cheetah.clone();
+        fallen.alive.min_height = Some(0.71);
+        let found = messages(RobotModel::load(&fallen).unwrap_err());
+        assert!(found[0].contains("alive.min_height") && found[0].contains("0.700 m"), "{found:?}");
+    }
+
+    #[test]
     fn what_locomotion_cannot_use_is_named() {
         let mut own = built_in("half-cheetah").unwrap();
         own.torso = "trunk".to_owned();

@@ -4,9 +4,11 @@
 //! steps that never advance. So the text must consist of known elements, the attributes of known words or finite
 //! numbers, and everything that costs memory or time must lie under a cap. The robot itself is not checked here.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use roxmltree::{Document, Node, ParsingOptions};
+
+use super::vocabulary;
 
 /// The largest file, in bytes.
 pub const MAX_BYTES: usize = 1 << 20;
@@ -24,11 +26,10 @@ const MAX_FAULTS: usize = 10;
 
 /// Every element that may occur. Anything else names a file (`include`, `mesh`, `hfield`, `texture`, `model`), code
 /// (`plugin`, `extension`), repetition (`replicate`, `composite`, `flexcomp`), or physics that not all engines here have.
-const ELEMENTS: [&str; 33] = [
+const ELEMENTS: [&str; 32] = [
     "mujoco",
     "compiler",
     "option",
-    "flag",
     "size",
     "statistic",
     "visual",
@@ -146,7 +147,8 @@ pub fn check(text: &str) -> Result<(), Vec<String>> {
     // Entities and document types are refused by `allow_dtd`.
     let options = ParsingOptions { allow_dtd: false, nodes_limit: 8 * MAX_ELEMENTS as u32 };
     let document = Document::parse_with_options(text, options).map_err(|e| vec![format!("no MJCF: {e}")])?;
-    let mut scan = Scan { document: &document, counts: BTreeMap::new(), faults: Vec::new() };
+    let mut scan =
+        Scan { document: &document, counts: BTreeMap::new(), names: BTreeSet::new(), faults: Vec::new() };
     if document.root_element().tag_name().name() != "mujoco" {
         scan.fault(document.root_element(), "expected <mujoco>".to_owned());
     }
@@ -195,6 +197,7 @@ fn deeper_than(text: &str, limit: usize) -> bool {
 struct Scan<'a, 'input> {
     document: &'a Document<'input>,
     counts: BTreeMap<&'a str, usize>,
+    names: BTreeSet<(&'a str, &'a str)>,
     faults: Vec<String>,
 }
 
@@ -209,11 +212,22 @@ impl<'a> Scan<'a, '_> {
 
     fn walk(&mut self) {
         let root: Node<'a, '_> = self.document.root_element();
+        let defaults = root.descendants().filter(|node| node.has_tag_name("default"));
+        let mut classes: BTreeSet<&str> = defaults.filter_map(|node| node.attribute("class")).collect();
+        classes.insert("main");
         for (count, node) in root.descendants().filter(Node::is_element).enumerate() {
             if count >= MAX_ELEMENTS {
                 return self.fault(node, format!("expected at most {MAX_ELEMENTS} elements"));
             }
             self.element(node);
+            for attribute in ["class", "childclass"] {
+                if let Some(class) = node.attribute(attribute).filter(|class| !classes.contains(class)) {
+                    self.fault(
+                        node,
+                        format!("{attribute}=\"{}\": no <default> has this class", shorten(class)),
+                    );
+                }
+            }
         }
     }
 
@@ -226,6 +240,9 @@ impl<'a> Scan<'a, '_> {
         *count += 1;
         if *count == MAX_OF_A_KIND + 1 && ["body", "joint", "geom", "motor", "site", "key"].contains(&tag) {
             self.fault(node, format!("expected at most {MAX_OF_A_KIND} of these"));
+        }
+        if let Some(name) = node.attribute("name").filter(|name| !self.names.insert((tag, name))) {
+            self.fault(node, format!("another <{tag}> is called `{}` too", shorten(name)));
         }
         for attribute in node.attributes() {
             if let Err(message) = check_attribute(tag, attribute.name(), attribute.value()) {
@@ -245,6 +262,7 @@ fn check_attribute(tag: &str, name: &str, value: &str) -> Result<(), String> {
     if tag == "geom" && name == "type" && ["mesh", "hfield", "sdf"].contains(&value) {
         return Err("only primitive geoms are supported".to_owned());
     }
+    vocabulary::check(tag, name, value)?;
     if tag == "size" && name == "memory" {
         return check_memory(value);
     }
@@ -370,11 +388,21 @@ mod tests {
         refused(&nested(MAX_DEPTH - 1), &["inside one another"]);
         refused(&nested(70_000), &["inside one another"]);
         // What only looks like a tag does not count.
-        let hidden = "<!-- <a> --><?b <a> ?><light dir='0 0 1' name='>&lt;'/>".repeat(MAX_DEPTH);
+        let light = |n: usize| format!("<!-- <a> --><?b <a> ?><light dir='0 0 1' name='>&lt;{n}'/>");
+        let hidden: String = (0..MAX_DEPTH).map(light).collect();
         assert_eq!(check(&world(&hidden)), Ok(()));
         refused(&world(&"<body/>".repeat(MAX_OF_A_KIND + 1)), &["at most 500"]);
         refused(&world(&"<camera/>".repeat(MAX_ELEMENTS)), &["at most 10000 elements"]);
         refused(&" ".repeat(MAX_BYTES + 1), &["bytes"]);
+    }
+
+    #[test]
+    fn names_are_unique_and_classes_exist() {
+        refused(&world("<body name='leg'/><body name='leg'/>"), &["<body", "called `leg` too"]);
+        refused(&world("<body childclass='steel'/>"), &["childclass=\"steel\"", "no <default>"]);
+        let known = "<mujoco><default><default class='steel'/></default><worldbody><body childclass='steel'/>\
+                     <geom name='leg' class='main'/></worldbody></mujoco>";
+        assert_eq!(check(known), Ok(()));
     }
 
     #[test]

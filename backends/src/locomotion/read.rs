@@ -3,10 +3,11 @@
 use std::f64::consts::PI;
 
 use elo_core::fault::{Fault, Faults, nearest};
-use mjcf_rs::body::{Body, Geom, GeomType, Joint, JointType};
+use mjcf_rs::body::{Body, Geom, GeomType, InertiaSpec, Inertial, Joint, JointType};
 use mjcf_rs::compiler::InertiaFromGeom;
 use mjcf_rs::extras::{Actuator, ActuatorKind};
 use mjcf_rs::glam::DVec3;
+use nalgebra::Matrix3;
 
 use super::body::Dynamics;
 use super::model::{ActuatedJoint, BodyModel, RobotModel};
@@ -31,6 +32,12 @@ pub(super) fn robot(description: &RobotDescription, mjcf: mjcf_rs::Model) -> Res
         find_all("alive.no_floor_contact", &description.alive.no_floor_contact, &mut faults);
     let progress = progress(description, &bodies, torso, &mut faults);
     check_numbers(description, &mut faults);
+    if let (Some(least), Some(torso)) = (description.alive.min_height, bodies.get(torso)) {
+        let height = rest_height(&mjcf, torso);
+        faults.check(height >= least, "alive.min_height", || {
+            format!("the robot would have fallen at its reset already, where its torso's centre is {height:.3} m high")
+        });
+    }
     if !faults.found().is_empty() {
         return Err(faults.into_found());
     }
@@ -64,6 +71,9 @@ pub(super) fn bodies(mjcf: &mjcf_rs::Model, faults: &mut Vec<String>) -> Vec<Bod
         if name.is_empty() {
             faults.push(format!("<body> number {id} has no name"));
         }
+        if let Some(inertial) = &entry.body.inertial {
+            check_inertial(&name, inertial, faults);
+        }
         if entry.body.mocap {
             faults.push(format!("<body name=\"{name}\">: mocap bodies are not supported"));
         }
@@ -78,6 +88,38 @@ pub(super) fn bodies(mjcf: &mjcf_rs::Model, faults: &mut Vec<String>) -> Vec<Bod
         faults.push(format!("<worldbody> holds {roots} bodies, expected one, the root of the robot"));
     }
     bodies
+}
+
+/// How high a body's centre of mass is in the file's own pose, in m.
+fn rest_height(mjcf: &mjcf_rs::Model, body: &BodyModel) -> f64 {
+    let named = mjcf.bodies_iter().find(|(_, entry)| entry.body.name.as_deref() == Some(&body.name));
+    let (mut point, mut at) = (DVec3::from_array(body.center), named.map(|(id, _)| id));
+    while let Some(entry) = at.and_then(|id| mjcf.bodies.get(id)) {
+        point = entry.body.pose.rotation * point + entry.body.pose.translation;
+        at = entry.parent;
+    }
+    point.z
+}
+
+/// No body has a negative mass, nor a moment of inertia greater than the sum of the other two.
+fn check_inertial(body: &str, inertial: &Inertial, faults: &mut Vec<String>) {
+    let here = format!("<body name=\"{body}\">, <inertial>");
+    if inertial.mass <= 0.0 {
+        faults.push(format!("{here}: mass=\"{}\": expected more than 0", inertial.mass));
+    }
+    let [xx, yy, zz, xy, xz, yz] = match inertial.inertia {
+        InertiaSpec::Full(full) => full,
+        InertiaSpec::Diagonal([x, y, z]) => [x, y, z, 0.0, 0.0, 0.0],
+    };
+    let moments = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz).symmetric_eigenvalues();
+    let [a, b, c] = [moments[0], moments[1], moments[2]];
+    // Rounded numbers of thin bodies may miss equality by a little.
+    if a.min(b).min(c) < 0.0 || a.max(b).max(c) > (a + b + c) / 2.0 * (1.0 + 1e-3) {
+        faults.push(format!(
+            "{here}: principal moments {a:.4}, {b:.4}, {c:.4}: no body has a negative one, nor one greater than the sum of \
+             the others"
+        ));
+    }
 }
 
 /// Mass and centre of mass of a body by MuJoCo's rule: each geom's `mass`, or its density times its volume.
@@ -115,6 +157,15 @@ fn floor_friction(mjcf: &mjcf_rs::Model, faults: &mut Vec<String>) -> f64 {
     let geoms = &mjcf.bodies[0].body.geoms;
     let planes: Vec<&Geom> = geoms.iter().filter(|geom| geom.type_ == GeomType::Plane).collect();
     if let [floor] = planes[..] {
+        let up = floor.pose.rotation * DVec3::Z;
+        if floor.pose.translation.z != 0.0 || (up - DVec3::Z).length() > 1e-9 {
+            faults.push("the floor, <geom type=\"plane\">: expected it level at height 0".to_owned());
+        }
+        if floor.friction[0] < 0.0 {
+            let got = floor.friction[0];
+            faults
+                .push(format!("the floor, <geom type=\"plane\">: friction=\"{got} …\": expected at least 0"));
+        }
         return floor.friction[0];
     }
     faults.push(format!("<worldbody> holds {} planes, expected one, the floor", planes.len()));
@@ -190,12 +241,13 @@ fn actuated(
     if !matches!(joint.type_, JointType::Hinge | JointType::Slide) {
         return Err(format!("{here}: expected a hinge or slide, got {:?}", joint.type_));
     }
-    let range = joint.range.filter(|[low, high]| low < high).ok_or_else(|| {
-        let name = target.unwrap_or_default();
-        format!(
-            "<joint name=\"{name}\">: a joint with a motor needs a range (the observation is relative to it)"
-        )
+    let owner = format!("<joint name=\"{}\">", target.unwrap_or_default());
+    let range = joint.range.ok_or_else(|| {
+        format!("{owner}: a joint with a motor needs a range (the observation is relative to it)")
     })?;
+    if range[0] >= range[1] {
+        return Err(format!("{owner}: range=\"{} {}\": expected the lower end first", range[0], range[1]));
+    }
     let limited = motor.ctrl_limited.resolve(autolimits, motor.ctrl_range.is_some());
     let control = motor.ctrl_range.filter(|_| limited).unwrap_or([-1.0, 1.0]);
     if control[0] >= control[1] {

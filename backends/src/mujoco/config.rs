@@ -12,13 +12,17 @@ use crate::locomotion::model::RobotModel;
 use crate::locomotion::robot::{self, RobotDescription};
 
 /// A robot in MuJoCo. Exactly one of the two fields is set.
+///
+/// Task parameters: `electricity_cost`, reward per unit of mean `|a · 0.1 q̇|` (-10 to 0, default -2); `floor_friction`,
+/// sliding friction coefficient (0 to 10, default the file's); `payload`, mass added to the torso in kg (0 to the robot's
+/// own mass, default 0).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MujocoConfig {
     /// One of the built-in robots: `ant`, `half-cheetah` or `walker2d`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<String>,
-    /// A robot of the user's own.
+    /// A robot of the user's own: a table as in `examples/hopper-quick.toml`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_robot: Option<RobotDescription>,
 }
@@ -74,7 +78,9 @@ impl SimulatorConfig for MujocoConfig {
         self.model()?;
         Err(BuildError::MissingEngine {
             engine: format!("MuJoCo {}", Self::VERSION),
-            remedy: "run tests/set-up, which places it under target/mujoco".to_owned(),
+            remedy: "this program was built without it; build it with the feature `mujoco` of `elo-backends` after \
+                     `tests/set-up`"
+                .to_owned(),
         })
     }
 }

@@ -321,7 +321,7 @@ mod tests {
     #[test]
     fn bodies_without_joints_weigh_as_if_they_were_one() {
         let whole = r#"<body name="torso"><joint name="motor" axis="0 1 0" range="-9 9"/>
-            <inertial pos="0 0 -1" mass="3" diaginertia="0.1 2.1 0.1"/></body>"#;
+            <inertial pos="0 0 -1" mass="3" diaginertia="2.1 2.1 0.1"/></body>"#;
         // Two points 1 m above and below the middle: 1 · 1² each, with 1 kg more at the middle, and 0.1 of its own.
         let parts = r#"<body name="torso"><joint name="motor" axis="0 1 0" range="-9 9"/>
             <inertial pos="0 0 -1" mass="1" diaginertia="0.1 0.1 0.1"/>

@@ -16,13 +16,17 @@ use crate::locomotion::robot::{self, RobotDescription};
 use crate::locomotion::simulator::Locomotion;
 
 /// A robot in Rapier. Exactly one of `robot` and `own_robot` is set.
+///
+/// Task parameters: `electricity_cost`, reward per unit of mean `|a · 0.1 q̇|` (-10 to 0, default -2); `floor_friction`,
+/// sliding friction coefficient (0 to 10, default the file's); `payload`, mass added to the torso in kg (0 to the robot's
+/// own mass, default 0).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RapierConfig {
     /// One of the built-in robots: `ant`, `half-cheetah` or `walker2d`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<String>,
-    /// A robot of the user's own.
+    /// A robot of the user's own: a table as in `examples/hopper-quick.toml`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_robot: Option<RobotDescription>,
     /// Engine steps in one control step, in each of which contacts are found anew. The error of a trajectory is

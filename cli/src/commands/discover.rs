@@ -30,6 +30,9 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     }
     ready_to_run(&experiment)?;
     let folder = arguments.out.clone().unwrap_or_else(|| default_folder(&arguments.config));
+    if folder.exists() && !folder.is_dir() {
+        return Err(Exit::BadInput(format!("--out: {} is no folder", folder.display())));
+    }
     let run_dir = RunDir::open(&folder)?;
     let stop =
         interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;

@@ -1,7 +1,5 @@
 //! `elo evaluate`: an option set on fresh contexts, on any simulator of its robot.
 
-use std::path::Path;
-
 use elo_core::crew::{Crew, Staff};
 use elo_core::discover::Run;
 use elo_core::evaluate::evaluate;
@@ -61,7 +59,7 @@ fn experiment(set: &OptionSet, arguments: &Evaluate, plugins: &[&[Plugin]]) -> R
     let mut overrides = vec![format!("seed={}", arguments.seed.unwrap_or(made_with.wrapping_add(1)))];
     overrides.push(format!("discover.steps={}", set.manifest.horizon.steps));
     overrides.extend(arguments.overrides.iter().cloned());
-    load::from_text(&text, (&manifest, Path::new(".")), &overrides, plugins)
+    load::embedded(&text, &manifest, &overrides, plugins)
 }
 
 /// TOML has no null: a field that is `None` is left out.

@@ -11,8 +11,7 @@ use crate::output::print;
 /// Prints a commented config of `kind`.
 pub fn run(kind: &str, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     if kind == "experiment" {
-        let experiment =
-            load::from_text(DEFAULT, ("the default experiment".as_ref(), ".".as_ref()), &[], plugins)?;
+        let experiment = load::embedded(DEFAULT, "the default experiment".as_ref(), &[], plugins)?;
         let text = config::example_root(&experiment, plugins);
         return print(&text.map_err(|error| Exit::Failed(error.to_string()))?);
     }

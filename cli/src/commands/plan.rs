@@ -62,8 +62,8 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
             let time = Duration::from_secs_f64(total as f64 * step / workers as f64);
             let _ = writeln!(text, "{:<20} {:>16}", "time", format!("about {}", duration(time)));
             text.push_str(
-                "The time is that of the simulator, measured just now with random actions; the teachers' own learning and\n\
-                 starts that fall and are drawn again come on top.\n",
+                "The time is that of the simulator alone, measured just now with random actions. The teachers' own learning\n\
+                 and starts that fall and are drawn again come on top; what is done already is not taken off.\n",
             );
         }
         Err(why) => {

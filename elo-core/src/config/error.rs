@@ -44,6 +44,17 @@ impl ConfigError {
         Self { file, findings }
     }
 
+    /// The same without line numbers, for a text that no file holds as it was read.
+    #[must_use]
+    pub fn without_lines(mut self) -> Self {
+        for finding in &mut self.findings {
+            if matches!(finding.place, Place::Line(_) | Place::Character { .. }) {
+                finding.place = Place::File;
+            }
+        }
+        self
+    }
+
     /// What was found, in the order of the file; never empty.
     pub fn findings(&self) -> &[Finding] {
         &self.findings

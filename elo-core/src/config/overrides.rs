@@ -160,8 +160,9 @@ fn switch_kind(
     });
     for field in void {
         source.forget(&field);
-        notices
-            .push(format!("`{field}` is left out: {before} has it and {now}, of `--set {given}`, has not"));
+        notices.push(format!(
+            "`{field}` is ignored: {before} has this field and {now}, chosen by `--set {given}`, has not"
+        ));
     }
 }
 
@@ -302,7 +303,7 @@ alpha = 2.0
         assert_eq!(
             reading.notices,
             [
-                "`metrics[1].alpha` is left out: negative_tail has it and positive_skew, of `--set metrics[1].kind=positive_skew`, has not"
+                "`metrics[1].alpha` is ignored: negative_tail has this field and positive_skew, chosen by `--set metrics[1].kind=positive_skew`, has not"
             ]
         );
         assert!(set(&["metrics[1].kind=negative_tail"]).unwrap().notices.is_empty());

@@ -168,6 +168,29 @@ impl RunDir {
         self.store.put(&self.root, &path, bytes)
     }
 
+    /// Removes from a result folder whatever is not called by one of `names`. A folder that is not there holds nothing.
+    ///
+    /// # Errors
+    /// [`RunDirError::Name`] as [`Self::write_file`], [`RunDirError::Write`].
+    pub fn keep_only(&self, folder: &str, names: &[String]) -> Result<(), RunDirError> {
+        let path = self.result_path(folder)?;
+        let failed = |source| RunDirError::Write { path: path.clone(), bytes_needed: 0, source };
+        let entries = match std::fs::read_dir(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            entries => entries.map_err(failed)?,
+        };
+        for entry in entries {
+            let entry = entry.map_err(failed)?;
+            if names.iter().any(|name| entry.file_name() == name.as_str()) {
+                continue;
+            }
+            let is_folder = entry.file_type().map_err(failed)?.is_dir();
+            let remove = if is_folder { std::fs::remove_dir_all } else { std::fs::remove_file };
+            remove(entry.path()).map_err(failed)?;
+        }
+        Ok(())
+    }
+
     /// Makes the directories between the root and a result file, so that they last.
     fn make_parents(&self, path: &Path) -> io::Result<()> {
         for dir in path.ancestors().skip(1).take_while(|dir| *dir != self.root) {

@@ -6,6 +6,7 @@
 
 use std::error::Error;
 use std::path::Path;
+use std::process::ExitCode;
 
 use elo_core::option_set::OptionSet;
 use elo_core::rollout::price;
@@ -13,7 +14,15 @@ use elo_core::seed::Seed;
 use elo_core::simulator::{End, SimulatorConfig, Start};
 use elo_core::task::Task;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    let played = play();
+    if let Err(error) = &played {
+        eprintln!("play-option-set: {error}");
+    }
+    ExitCode::from(u8::from(played.is_err()))
+}
+
+fn play() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args().nth(1).ok_or("expected the folder of an option set")?;
     let set = OptionSet::read(Path::new(&folder))?;
 

@@ -302,7 +302,10 @@ fn without_libmujoco_the_program_runs_and_says_what_to_install() {
     let ran = here(&["discover", "run.toml", "--set", "simulator.kind=mujoco"]).expect_code(2);
     assert!(ran.stderr.contains("elo-mujoco is missing: run `tests/set-up`"), "{ran}");
     let ran = here(&["discover", "run.toml", "--plan", "--set", "simulator.kind=mujoco"]).expect_success();
-    assert!(ran.stdout.contains("No time was measured: ") && ran.stdout.contains("run `tests/set-up`"), "{ran}");
+    assert!(
+        ran.stdout.contains("No time was measured: ") && ran.stdout.contains("run `tests/set-up`"),
+        "{ran}"
+    );
     assert!(!folder.path().join("runs").exists(), "nothing was begun");
 
     // A worker that cannot find its library says so through `elo`.

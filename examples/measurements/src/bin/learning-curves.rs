@@ -28,7 +28,9 @@ const EPISODES: u64 = 20;
 fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [engine, robot_name, steps, seeds, fields @ ..] = arguments.as_slice() else {
-        return Err("expected: ENGINE ROBOT STEPS SEEDS [FIELD=VALUE]…, e.g. rapier half-cheetah 2000000 3".into());
+        return Err(
+            "expected: ENGINE ROBOT STEPS SEEDS [FIELD=VALUE]…, e.g. rapier half-cheetah 2000000 3".into()
+        );
     };
     let (steps, seeds): (u64, u64) = (steps.parse()?, seeds.parse()?);
     let simulator = robot(engine, robot_name)?;
