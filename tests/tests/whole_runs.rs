@@ -103,7 +103,7 @@ fn results_are_complete_and_printed() {
         assert!(files.contains(&PathBuf::from(name)), "{name} is not in {files:?}");
     }
     for told in
-        ["random torque", "zero torque", "untrained teacher", "random subsets", "teachers", "maximum_mean"]
+        ["random torque", "zero torque", "untrained teacher", "random K-subsets", "teachers", "maximum_mean"]
     {
         assert!(reference.ran.stdout.contains(told), "{told}: {}", reference.ran);
     }
