@@ -27,7 +27,7 @@ use crate::processor_time::{load_average, of_family};
 use crate::robots::{ENGINES, STEPS, option, simulator, swinging};
 
 const ROBOT: &str = "ant";
-const CANDIDATES: usize = 16;
+const CANDIDATES: usize = 64;
 const CONTEXTS: usize = 10;
 const ROUNDS: usize = 3;
 
