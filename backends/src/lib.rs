@@ -8,6 +8,7 @@ use elo_core::plugin::Plugin;
 
 pub mod locomotion;
 pub mod mujoco;
+pub mod python;
 #[cfg(feature = "rapier")]
 pub mod rapier;
 
@@ -17,6 +18,7 @@ pub const PLUGINS: &[Plugin] = &[
         "mujoco",
         "robots with legs in MuJoCo 3.17.0 (needs libmujoco)",
     ),
+    Plugin::simulator::<python::PythonConfig>("python", "an environment in Python with Gymnasium's interface"),
     #[cfg(feature = "rapier")]
     Plugin::simulator::<rapier::RapierConfig>(
         "rapier",

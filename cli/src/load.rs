@@ -3,11 +3,17 @@
 use std::path::Path;
 
 use elo_core::config::{self, ConfigError};
+use elo_core::crew::Hosts as _;
+use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
 use elo_core::fault::Faults;
 use elo_core::plugin::Plugin;
+use elo_core::policy::Unwatched;
+use elo_core::units::Work;
+use elo_core::units::describe::Describe;
 
 use crate::exit::Exit;
+use crate::hosts::Programs;
 use crate::output::print_error;
 
 /// The greatest config file that is read: 16 MiB.
@@ -43,7 +49,11 @@ fn checked(
         print_error(notice);
     }
     let mut faults = Faults::new();
+    reading.config.workers.resolve(folder);
     faults.within("simulator", |faults| reading.config.simulator.embed_files(folder, faults));
+    if faults.found().is_empty() {
+        describe(&mut reading.config, &mut faults);
+    }
     if faults.found().is_empty() {
         reading.config.validate(&mut faults);
     }
@@ -51,6 +61,23 @@ fn checked(
         Ok(reading.config)
     } else {
         Err(reading.places.error(faults.into_found()))
+    }
+}
+
+/// Has a worker say what the simulator is, where only it knows.
+fn describe(experiment: &mut Experiment, faults: &mut Faults) {
+    let simulator = &experiment.simulator;
+    let Some(program) = simulator.worker().filter(|_| simulator.needs_description()) else { return };
+    let programs = Programs { workers: experiment.workers.clone() };
+    let mut worker = match programs.start(&program) {
+        Ok(worker) => worker,
+        Err(fault) => return faults.add("workers.python", fault.to_string()),
+    };
+    let work = Work::from(Describe { simulator: duplicate(simulator) });
+    let job = serde_json::to_vec(&work).expect("descriptions are plain data");
+    let described = worker.run(&job, &[], &mut Unwatched).map_err(|fault| fault.to_string());
+    if let Err(why) = described.and_then(|bytes| experiment.simulator.accept_description(&bytes)) {
+        faults.add("simulator", why);
     }
 }
 

@@ -10,7 +10,7 @@ use crate::key::{Key, Stage};
 use crate::policy::{Monitor, PolicyFormat, Stopped};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::seed::Seed;
-use crate::simulator::SimulatorConfig;
+use crate::simulator::{SimulatorConfig, WorkerProgram};
 use crate::units::codec::Malformed;
 use crate::units::{Site, Work, WorkError};
 use crate::worker::{WorkerFault, WorkerProcess};
@@ -26,11 +26,11 @@ pub struct Unit {
 
 /// Starts worker programs.
 pub trait Hosts: Sync {
-    /// Starts the program called `program` and shakes hands.
+    /// Starts `program` and shakes hands.
     ///
     /// # Errors
     /// Why it does not run, in words that say what to do.
-    fn start(&self, program: &str) -> Result<WorkerProcess, WorkerFault>;
+    fn start(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault>;
 }
 
 /// Hears how far the work is. Called from several threads.
@@ -117,7 +117,7 @@ pub struct Crew<'a> {
     /// How many work, and with what.
     pub staff: Staff,
     /// Running worker programs that nobody uses just now.
-    idle: Mutex<Vec<(String, WorkerProcess)>>,
+    idle: Mutex<Vec<(WorkerProgram, WorkerProcess)>>,
 }
 
 /// A unit that a worker could not be kept alive for is tried this often in all.
@@ -206,7 +206,7 @@ impl<'a> Crew<'a> {
         }
     }
 
-    fn take_worker(&self, program: &str) -> Result<WorkerProcess, WorkerFault> {
+    fn take_worker(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {
         let mut idle = self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         match idle.iter().position(|(name, _)| name == program) {
             Some(index) => Ok(idle.swap_remove(index).1),
@@ -217,8 +217,8 @@ impl<'a> Crew<'a> {
         }
     }
 
-    fn return_worker(&self, program: &str, worker: WorkerProcess) {
-        self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((program.to_owned(), worker));
+    fn return_worker(&self, program: &WorkerProgram, worker: WorkerProcess) {
+        self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((program.clone(), worker));
     }
 }
 
@@ -256,7 +256,7 @@ impl Shift<'_> {
         let worker = unit.work.simulator().and_then(SimulatorConfig::worker);
         let done = match worker {
             None => unit.work.perform(&inputs, site, &mut monitor),
-            Some(program) => self.send(program, unit, &inputs, &mut monitor),
+            Some(program) => self.send(&program, unit, &inputs, &mut monitor),
         };
         if let Some(trouble) = monitor.trouble {
             return Err(trouble);
@@ -273,7 +273,7 @@ impl Shift<'_> {
     /// Has a worker process do the unit. A worker that dies is replaced and the unit tried again with the same seeds.
     fn send(
         &self,
-        program: &str,
+        program: &WorkerProgram,
         unit: &Unit,
         inputs: &[Vec<u8>],
         monitor: &mut UnitMonitor<'_>,

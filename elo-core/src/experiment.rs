@@ -12,6 +12,7 @@ use crate::rollout::Horizon;
 use crate::select::Selector;
 use crate::simulator::SimulatorConfig;
 use crate::task::TaskDistribution;
+use crate::workers::Workers;
 
 /// One run: from a simulator and a task family to selected option sets.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -49,6 +50,9 @@ pub struct Experiment {
     /// What is measured on fresh contexts at the end.
     #[serde(default)]
     pub report: ReportPlan,
+    /// Which programs do work outside this process. Changes no result.
+    #[serde(default)]
+    pub workers: Workers,
 }
 
 fn uniform() -> Box<dyn Selector> {
@@ -175,6 +179,7 @@ impl Experiment {
         faults.within("failures", |faults| self.failures.validate(faults));
         self.validate_metrics(faults);
         faults.within("discover", |faults| self.discover.validate(faults));
+        faults.within("workers", |faults| self.workers.validate(faults));
         faults.within("report", |faults| {
             let plan = &self.report;
             faults.check(plan.alpha.is_finite(), "alpha", || {

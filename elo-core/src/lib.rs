@@ -35,3 +35,4 @@ pub mod task;
 pub mod tensors;
 pub mod units;
 pub mod worker;
+pub mod workers;

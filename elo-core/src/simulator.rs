@@ -171,8 +171,30 @@ pub trait SimulatorConfig: fmt::Debug + Send + Sync {
     fn engine(&self) -> Engine;
 
     /// The program that hosts the engine, where it must not run inside the caller's process.
-    fn worker(&self) -> Option<&'static str> {
+    fn worker(&self) -> Option<WorkerProgram> {
         None
+    }
+
+    /// Whether only its worker knows what the simulator is. Then the worker is asked once, before `validate`, and
+    /// [`Self::accept_description`] gets what [`Self::describe`] gave there.
+    fn needs_description(&self) -> bool {
+        false
+    }
+
+    /// What a worker says of the simulator.
+    ///
+    /// # Errors
+    /// As [`Self::build`].
+    fn describe(&self) -> Result<Vec<u8>, BuildError> {
+        Ok(Vec::new())
+    }
+
+    /// Takes up what a worker said of the simulator.
+    ///
+    /// # Errors
+    /// A description that makes no sense.
+    fn accept_description(&mut self, _description: &[u8]) -> Result<(), String> {
+        Ok(())
     }
 
     /// Makes a simulator in this process.
@@ -180,6 +202,24 @@ pub trait SimulatorConfig: fmt::Debug + Send + Sync {
     /// # Errors
     /// [`BuildError::MissingEngine`] where this program was built without it.
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError>;
+}
+
+/// A program that does units of work in its own process; see [`crate::worker`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WorkerProgram {
+    /// The program of this name that lies beside the caller's own.
+    Beside(&'static str),
+    /// The interpreter of this language that the config's `[workers]` names.
+    Interpreter(&'static str),
+}
+
+impl fmt::Display for WorkerProgram {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Beside(name) => f.write_str(name),
+            Self::Interpreter(language) => write!(f, "the {language} worker"),
+        }
+    }
 }
 
 /// Which engine, exactly.

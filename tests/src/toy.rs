@@ -12,6 +12,7 @@ use elo_core::policy::PolicyFormat;
 use elo_core::report::{Report, report};
 use elo_core::results;
 use elo_core::run_dir::RunDir;
+use elo_core::simulator::WorkerProgram;
 use elo_core::worker::{WorkerFault, WorkerProcess};
 
 use crate::PLUGINS;
@@ -82,9 +83,9 @@ pub fn toy_with(changes: &[(&str, &str)]) -> String {
 struct NoWorkers;
 
 impl Hosts for NoWorkers {
-    fn start(&self, program: &str) -> Result<WorkerProcess, WorkerFault> {
+    fn start(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {
         let source = std::io::Error::new(std::io::ErrorKind::NotFound, "this test has none");
-        Err(WorkerFault::Start { program: program.to_owned(), source })
+        Err(WorkerFault::Start { program: program.to_string(), source })
     }
 }
 

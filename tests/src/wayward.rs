@@ -9,7 +9,7 @@ use elo_core::plugin::Plugin;
 use elo_core::policy::{Demonstration, OptionLearner, OptionPolicy, PolicyFormat, PolicyRecord};
 use elo_core::seed::{Seed, Stream};
 use elo_core::simulator::{
-    BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
+    BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State, WorkerProgram,
 };
 use elo_core::spec::SimulatorSpec;
 use elo_core::task::Task;
@@ -88,8 +88,8 @@ impl SimulatorConfig for WaywardConfig {
         Engine { name: "wayward".to_owned(), version: ENGINE_VERSION.load(Ordering::SeqCst).to_string() }
     }
 
-    fn worker(&self) -> Option<&'static str> {
-        (self.dies != Dies::Never).then_some("elo-wayward-worker")
+    fn worker(&self) -> Option<WorkerProgram> {
+        (self.dies != Dies::Never).then_some(WorkerProgram::Beside("elo-wayward-worker"))
     }
 
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {

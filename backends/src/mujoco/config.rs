@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use elo_core::fault::Faults;
-use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
+use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig, WorkerProgram};
 use elo_core::spec::SimulatorSpec;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,8 +62,8 @@ impl SimulatorConfig for MujocoConfig {
         Engine { name: "mujoco".to_owned(), version: Self::VERSION.to_owned() }
     }
 
-    fn worker(&self) -> Option<&'static str> {
-        Some("elo-mujoco")
+    fn worker(&self) -> Option<WorkerProgram> {
+        Some(WorkerProgram::Beside("elo-mujoco"))
     }
 
     #[cfg(feature = "mujoco")]

@@ -15,7 +15,7 @@ use elo_core::run_dir::RunDir;
 use crate::arguments::Discover;
 use crate::commands::plan;
 use crate::exit::Exit;
-use crate::hosts::Beside;
+use crate::hosts::Programs;
 use crate::output::print;
 use crate::progress::Progress;
 use crate::worker::formats;
@@ -38,7 +38,8 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
     let staff = Staff { workers, formats: formats(plugins), program: fingerprint() };
-    let crew = Crew::new(staff, &run_dir, &Beside, &progress, &stop);
+    let programs = Programs { workers: experiment.workers.clone() };
+    let crew = Crew::new(staff, &run_dir, &programs, &progress, &stop);
 
     let resolved = config::show(&experiment).map_err(|error| Exit::Failed(error.to_string()))?;
     run_dir.write_file("experiment.toml", resolved.as_bytes())?;
@@ -61,7 +62,10 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
 /// Refuses to begin what a missing engine would stop later.
 pub fn ready_to_run(experiment: &Experiment) -> Result<(), Exit> {
     match experiment.simulator.worker() {
-        Some(program) => Beside::find(program).map(|_| ()).map_err(Exit::BadInput),
+        Some(program) => Programs { workers: experiment.workers.clone() }
+            .find(&program)
+            .map(|_| ())
+            .map_err(Exit::BadInput),
         None => experiment.simulator.build().map(|_| ()).map_err(|error| Exit::BadInput(error.to_string())),
     }
 }

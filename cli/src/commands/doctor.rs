@@ -8,7 +8,7 @@ use elo_core::plugin::{Plugin, Role};
 use elo_core::simulator::SimulatorConfig;
 
 use crate::exit::Exit;
-use crate::hosts::Beside;
+use crate::hosts::Programs;
 use crate::output::print;
 
 /// Looks for every engine and says what it found.
@@ -32,7 +32,7 @@ fn finding(config: &dyn SimulatorConfig) -> String {
             Err(error) => error.to_string(),
         };
     };
-    match Beside.start(program) {
+    match Programs::default().start(&program) {
         Ok(worker) => format!("ready: {}, in the worker {program}", worker.engine()),
         Err(fault) => format!("missing: {fault}"),
     }

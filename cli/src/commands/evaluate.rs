@@ -13,7 +13,7 @@ use serde_json::Value;
 use crate::arguments::Evaluate;
 use crate::commands::discover::{ready_to_run, workers};
 use crate::exit::Exit;
-use crate::hosts::Beside;
+use crate::hosts::Programs;
 use crate::output::print;
 use crate::progress::Progress;
 use crate::worker::formats;
@@ -38,7 +38,8 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
     let staff = Staff { workers: workers(arguments.workers)?, formats, program: fingerprint() };
-    let crew = Crew::new(staff, &run_dir, &Beside, &progress, &stop);
+    let programs = Programs { workers: experiment.workers.clone() };
+    let crew = Crew::new(staff, &run_dir, &programs, &progress, &stop);
     let evaluation = evaluate(&Run::new(&experiment, &crew)?, &set)?;
     if arguments.json {
         let text = serde_json::to_string_pretty(&evaluation).expect("figures are plain data");

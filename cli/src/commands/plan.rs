@@ -15,7 +15,7 @@ use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
 use elo_core::units::{Site, Work, prepare};
 
 use crate::exit::Exit;
-use crate::hosts::Beside;
+use crate::hosts::Programs;
 use crate::progress::duration;
 
 /// Simulator steps, disk and time of `experiment`, in words.
@@ -87,7 +87,7 @@ fn seconds_per_step(experiment: &Experiment) -> Result<f64, String> {
     let inputs = [prepare::encode(&(0..10).map(start).collect::<Vec<_>>())];
     let mut here = Site::new(Vec::new());
     let mut worker = match experiment.simulator.worker() {
-        Some(program) => Some(Beside.start(program).map_err(|fault| fault.to_string())?),
+        Some(program) => Some(Programs { workers: experiment.workers.clone() }.start(&program).map_err(|fault| fault.to_string())?),
         None => None,
     };
     let job = serde_json::to_vec(&work).expect("descriptions are plain data");

@@ -6,6 +6,7 @@
 //! cause work to be done again.
 
 pub mod codec;
+pub mod describe;
 pub mod evaluate;
 pub mod learn;
 pub mod prepare;
@@ -36,6 +37,8 @@ pub enum Work {
     Prepare(prepare::Prepare),
     /// Some rollouts.
     Evaluate(evaluate::Evaluate),
+    /// What a simulator is.
+    Describe(describe::Describe),
 }
 
 impl Work {
@@ -48,6 +51,7 @@ impl Work {
             Self::Learn(_) => "learn",
             Self::Prepare(_) => "prepare",
             Self::Evaluate(_) => "evaluate",
+            Self::Describe(_) => "describe",
         };
         Stage { name, version: 1 }
     }
@@ -60,6 +64,7 @@ impl Work {
             Self::Learn(_) => None,
             Self::Prepare(work) => Some(work.simulator.as_ref()),
             Self::Evaluate(work) => Some(work.simulator.as_ref()),
+            Self::Describe(work) => Some(work.simulator.as_ref()),
         }
     }
 
@@ -72,6 +77,7 @@ impl Work {
             Self::Learn(work) => &work.seed,
             Self::Prepare(work) => &work.seed,
             Self::Evaluate(work) => &work.seed,
+            Self::Describe(_) => &Seed::root(0),
         };
         Key::of(&self.stage(), self, inputs, seed, &fingerprint(program, engine.as_ref()))
     }
@@ -92,6 +98,7 @@ impl Work {
             Self::Learn(work) => work.perform(inputs, monitor),
             Self::Prepare(work) => work.perform(site, monitor),
             Self::Evaluate(work) => work.perform(inputs, site, monitor),
+            Self::Describe(work) => work.perform(),
         }
     }
 }
@@ -105,7 +112,7 @@ impl Work {
     pub fn outcome_of_lost_worker(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
         match self {
             Self::Evaluate(work) => work.all_failed(inputs, reason),
-            Self::Train(_) | Self::Record(_) | Self::Learn(_) | Self::Prepare(_) => {
+            Self::Train(_) | Self::Record(_) | Self::Learn(_) | Self::Prepare(_) | Self::Describe(_) => {
                 Err(WorkError::Failed(reason.to_owned()))
             }
         }

@@ -14,6 +14,7 @@ use elo_core::key::Key;
 use elo_core::rollout::Horizon;
 use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
+use elo_core::simulator::WorkerProgram;
 use elo_core::task::TaskDistribution;
 use elo_core::units::Span;
 use elo_core::units::evaluate::{Behavior, Evaluate, Place, Subject};
@@ -39,9 +40,7 @@ pub fn run() -> Result<(), Box<dyn Error>> {
     println!("  engine  workers are   one, s   two, s   one/two   processor time: one, s   two, s");
     for engine in ENGINES {
         let program = simulator(engine, ROBOT).worker();
-        if let Some(program) =
-            program.filter(|program| !Beside::path(program).is_ok_and(|path| path.is_file()))
-        {
+        if let Some(program) = program.as_ref().filter(|program| !Beside::path(program).is_file()) {
             println!("  {engine:<7} left out: `tests/set-up` builds {program} with the release profile");
             continue;
         }
@@ -69,18 +68,16 @@ pub fn run() -> Result<(), Box<dyn Error>> {
 struct Beside;
 
 impl Beside {
-    fn path(program: &str) -> std::io::Result<PathBuf> {
-        let here = std::env::current_exe()?;
-        Ok(here.parent().unwrap_or(&here).with_file_name(program))
+    fn path(program: &WorkerProgram) -> PathBuf {
+        let here = std::env::current_exe().unwrap_or_default();
+        here.parent().unwrap_or(&here).with_file_name(program.to_string())
     }
 }
 
 impl Hosts for Beside {
-    fn start(&self, program: &str) -> Result<WorkerProcess, WorkerFault> {
-        let path = Self::path(program);
-        let path = path.map_err(|source| WorkerFault::Start { program: program.to_owned(), source })?;
+    fn start(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {
         let limits = Limits { greeting: Duration::from_secs(60), silence: None, memory_bytes: None };
-        WorkerProcess::spawn(Command::new(path), &fingerprint(), limits)
+        WorkerProcess::spawn(Command::new(Self::path(program)), &fingerprint(), limits)
     }
 }
 

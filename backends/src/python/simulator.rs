@@ -1,0 +1,187 @@
+//! An environment in Python as a simulator. Python's lock is held during its calls alone.
+
+use elo_core::simulator::{
+    BuildError, End, Simulator, SimulatorError, Start, State, check_action, check_length,
+};
+use elo_core::spec::SimulatorSpec;
+use elo_core::task::Task;
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::config::{Described, PythonConfig};
+use super::watchdog::{self, Call};
+
+/// The module of the package that talks to environments.
+const BRIDGE: &str = "elo._bridge";
+
+/// See the [module](super).
+pub struct PythonSimulator {
+    spec: SimulatorSpec,
+    bridge: Py<PyAny>,
+    /// `bridge.step`, looked up once.
+    step: Py<PyAny>,
+    /// Arrays that both sides see.
+    action: Py<PyArray1<f32>>,
+    observation: Py<PyArray1<f32>>,
+    terms: Py<PyArray1<f64>>,
+    running: bool,
+}
+
+/// What the environment of `config` says of itself, as JSON.
+pub fn describe(config: &PythonConfig) -> Result<Vec<u8>, BuildError> {
+    Python::attach(|py| {
+        let described = bridge(py, config)?.call_method0("describe")?;
+        described.extract::<String>()
+    })
+    .map(String::into_bytes)
+    .map_err(refused)
+}
+
+fn bridge<'py>(py: Python<'py>, config: &PythonConfig) -> PyResult<Bound<'py, PyAny>> {
+    let text = serde_json::to_string(config).expect("a config is plain data");
+    watchdog::watch();
+    let _call = Call::begin();
+    py.import(BRIDGE)?.getattr("Bridge")?.call1((text,))
+}
+
+fn refused(error: PyErr) -> BuildError {
+    BuildError::Robot(told(&error))
+}
+
+/// An exception with its traceback; those of our own kind are for users and need none.
+fn told(error: &PyErr) -> String {
+    Python::attach(|py| {
+        let formatted = || -> PyResult<String> {
+            py.import(BRIDGE)?.getattr("tell")?.call1((error.value(py),))?.extract()
+        };
+        formatted().unwrap_or_else(|_| error.to_string())
+    })
+}
+
+impl PythonSimulator {
+    /// Makes the environment and asks it what it is.
+    ///
+    /// # Errors
+    /// A target that cannot be imported or made, spaces that are no boxes, or another environment than `config`
+    /// describes.
+    pub fn new(config: &PythonConfig) -> Result<Self, BuildError> {
+        let made = Python::attach(|py| -> PyResult<_> {
+            let bridge = bridge(py, config)?;
+            let described: String = bridge.call_method0("describe")?.extract()?;
+            let array = |name: &str| bridge.getattr(name)?.cast_into::<PyArray1<f32>>().map_err(PyErr::from);
+            let terms = bridge.getattr("terms")?.cast_into::<PyArray1<f64>>().map_err(PyErr::from)?;
+            let (action, observation) = (array("action")?.unbind(), array("observation")?.unbind());
+            Ok((described, action, observation, terms.unbind(), bridge.getattr("step")?.unbind(), bridge.unbind()))
+        });
+        let (described, action, observation, terms, step, bridge) = made.map_err(refused)?;
+        let described: Described =
+            serde_json::from_str(&described).map_err(|error| BuildError::Robot(error.to_string()))?;
+        if let Some(expected) = config.described.as_ref().filter(|expected| **expected != described) {
+            return Err(BuildError::Robot(format!(
+                "`{}` is not what it was when the config was read: {described:?} instead of {expected:?}",
+                config.target
+            )));
+        }
+        Ok(Self { spec: config.spec_with(&described), bridge, step, action, observation, terms, running: false })
+    }
+
+    /// Calls the bridge, then copies what it saw into `observation`.
+    fn call(
+        &self,
+        observation: &mut [f32],
+        call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<()>,
+    ) -> Result<(), SimulatorError> {
+        let done = Python::attach(|py| {
+            let _call = Call::begin();
+            call(self.bridge.bind(py))?;
+            observation.copy_from_slice(self.observation.bind(py).try_readonly()?.as_slice()?);
+            Ok(())
+        });
+        done.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))
+    }
+}
+
+impl Simulator for PythonSimulator {
+    fn spec(&self) -> &SimulatorSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, task: &Task, start: &Start, observation: &mut [f32]) -> Result<(), SimulatorError> {
+        self.running = false;
+        check_length("observation", observation.len(), self.spec.observation_size)?;
+        if let Some(fault) = self.spec.task_faults(task).into_iter().next() {
+            return Err(SimulatorError::Task(fault));
+        }
+        let parameters: Vec<f64> =
+            self.spec.task_parameters.iter().map(|p| self.spec.parameter_value(task, &p.name)).collect();
+        match start {
+            Start::Seed(seed) => {
+                self.call(observation, |bridge| bridge.call_method1("reset", (*seed, parameters)).map(drop))?;
+            }
+            Start::State(_) if !self.spec.capabilities.settable_state => {
+                return Err(SimulatorError::Unsupported("starting from a state"));
+            }
+            Start::State(state) => self.call(observation, |bridge| {
+                let given = PyDict::new(bridge.py());
+                given.set_item("positions", PyArray1::from_slice(bridge.py(), &state.positions))?;
+                given.set_item("velocities", PyArray1::from_slice(bridge.py(), &state.velocities))?;
+                given.set_item("memory", PyArray1::from_slice(bridge.py(), &state.memory))?;
+                bridge.call_method1("restore", (given, state.elapsed, parameters)).map(drop)
+            })?,
+        }
+        self.running = true;
+        Ok(())
+    }
+
+    fn step(
+        &mut self,
+        action: &[f32],
+        observation: &mut [f32],
+        reward_terms: &mut [f64],
+    ) -> Result<End, SimulatorError> {
+        check_length("action", action.len(), self.spec.action_size())?;
+        check_length("observation", observation.len(), self.spec.observation_size)?;
+        check_length("reward terms", reward_terms.len(), self.spec.reward_terms.len())?;
+        check_action(action)?;
+        if !self.running {
+            return Err(SimulatorError::NoEpisode);
+        }
+        self.running = false;
+        let (low, high) = (&self.spec.action_low, &self.spec.action_high);
+        let end = Python::attach(|py| -> PyResult<u8> {
+            let _call = Call::begin();
+            let mut given = self.action.bind(py).try_readwrite()?;
+            for ((to, a), (low, high)) in given.as_slice_mut()?.iter_mut().zip(action).zip(low.iter().zip(high)) {
+                *to = a.clamp(*low, *high);
+            }
+            drop(given);
+            let end = self.step.bind(py).call0()?.extract()?;
+            observation.copy_from_slice(self.observation.bind(py).try_readonly()?.as_slice()?);
+            reward_terms.copy_from_slice(self.terms.bind(py).try_readonly()?.as_slice()?);
+            Ok(end)
+        });
+        let end = match end.map_err(|error| SimulatorError::Engine(told(&error)))? {
+            0 => End::Running,
+            1 => End::Terminated,
+            _ => End::Truncated,
+        };
+        let finite = observation.iter().all(|x| x.is_finite()) && reward_terms.iter().all(|x| x.is_finite());
+        if !finite {
+            return Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()));
+        }
+        self.running = end == End::Running;
+        Ok(end)
+    }
+
+    fn state(&self) -> Result<State, SimulatorError> {
+        if !self.spec.capabilities.settable_state {
+            return Err(SimulatorError::Unsupported("reading its state"));
+        }
+        let state = Python::attach(|py| {
+            let (positions, velocities, memory, elapsed) = self.bridge.bind(py).call_method0("state")?.extract()?;
+            Ok(State { positions, velocities, memory, elapsed })
+        });
+        state.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))
+    }
+}

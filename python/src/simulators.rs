@@ -1,0 +1,78 @@
+//! This project's simulators, for Python programs.
+
+use elo_core::simulator::{End, Simulator as CoreSimulator, SimulatorConfig, Start, State};
+use elo_core::task::Task;
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+
+/// One simulator, from its config as JSON. `elo.gym` wraps it.
+#[pyclass(module = "elo._elo", unsendable)]
+pub struct Simulator {
+    inner: Box<dyn CoreSimulator>,
+}
+
+type Step<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f64>>, bool, bool);
+
+fn failed(error: impl std::fmt::Display) -> PyErr {
+    PyRuntimeError::new_err(error.to_string())
+}
+
+fn refused(error: impl std::fmt::Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+#[pymethods]
+impl Simulator {
+    #[new]
+    fn new(config: &str) -> PyResult<Self> {
+        // Kinds are found by name, so their crates must be linked.
+        let _linked = crate::PLUGINS;
+        let config: Box<dyn SimulatorConfig> = serde_json::from_str(config).map_err(refused)?;
+        let mut faults = elo_core::fault::Faults::new();
+        config.validate(&mut faults);
+        if let Some(fault) = faults.found().first() {
+            return Err(refused(fault));
+        }
+        Ok(Self { inner: config.build().map_err(failed)? })
+    }
+
+    /// The spec, as JSON.
+    fn spec(&self) -> String {
+        serde_json::to_string(self.inner.spec()).expect("a spec is plain data")
+    }
+
+    /// What a task, as JSON, pays for one unit of each reward term.
+    fn prices(&self, task: &str) -> PyResult<Vec<f64>> {
+        let task: Task = serde_json::from_str(task).map_err(refused)?;
+        match self.inner.spec().task_faults(&task).first() {
+            Some(fault) => Err(refused(fault)),
+            None => Ok(self.inner.spec().prices(&task)),
+        }
+    }
+
+    /// Begins an episode; `start` is `{"seed": …}` or `{"state": …}` as JSON. Gives the observation.
+    fn reset<'py>(&mut self, py: Python<'py>, task: &str, start: &str) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let task: Task = serde_json::from_str(task).map_err(refused)?;
+        let start: Start = serde_json::from_str(start).map_err(refused)?;
+        let mut observation = vec![0.0; self.inner.spec().observation_size];
+        self.inner.reset(&task, &start, &mut observation).map_err(refused)?;
+        Ok(observation.into_pyarray(py))
+    }
+
+    /// One control step: observation, reward terms, terminated, truncated.
+    fn step<'py>(&mut self, py: Python<'py>, action: PyReadonlyArray1<'py, f32>) -> PyResult<Step<'py>> {
+        let mut observation = vec![0.0; self.inner.spec().observation_size];
+        let mut terms = vec![0.0; self.inner.spec().reward_terms.len()];
+        let action = action.as_slice().map_err(refused)?;
+        let end = self.inner.step(action, &mut observation, &mut terms).map_err(failed)?;
+        let (terminated, truncated) = (end == End::Terminated, end == End::Truncated);
+        Ok((observation.into_pyarray(py), terms.into_pyarray(py), terminated, truncated))
+    }
+
+    /// The present state, as JSON.
+    fn state(&self) -> PyResult<String> {
+        let state: State = self.inner.state().map_err(failed)?;
+        Ok(serde_json::to_string(&state).expect("a state is plain data"))
+    }
+}
