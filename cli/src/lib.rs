@@ -19,7 +19,7 @@ mod progress;
 mod table;
 mod worker;
 
-pub use worker::worker_main_with;
+pub use worker::{formats, worker_main_with};
 
 use std::process::ExitCode;
 

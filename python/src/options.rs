@@ -63,15 +63,15 @@ impl Options {
         self.options.len()
     }
 
-    /// What an option does at `observation` after `elapsed` of its steps. `seed` feeds options that draw.
+    /// What an option does at `observation`; `when` is its number and how many of its steps it has run. `seed` feeds options that draw.
     fn act<'py>(
         &self,
         py: Python<'py>,
-        (option, elapsed): (usize, usize),
+        when: (usize, usize),
         observation: PyReadonlyArray1<'py, f32>,
         seed: u64,
     ) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        let mut action = vec![0.0; self.spec.action_size()];
+        let ((option, elapsed), mut action) = (when, vec![0.0; self.spec.action_size()]);
         let mut noise = Seed::root(seed).stream();
         self.option(option)?.act(self.observation(&observation)?, elapsed, &mut noise, &mut action);
         Ok(action.into_pyarray(py))
@@ -80,9 +80,10 @@ impl Options {
     /// The probability that an option ends before its next action.
     fn termination(
         &self,
-        (option, elapsed): (usize, usize),
+        when: (usize, usize),
         observation: PyReadonlyArray1<'_, f32>,
     ) -> PyResult<f64> {
+        let (option, elapsed) = when;
         Ok(self.option(option)?.termination(self.observation(&observation)?, elapsed))
     }
 

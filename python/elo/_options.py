@@ -1,0 +1,83 @@
+"""Option sets."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from elo import _elo
+
+Observation = npt.ArrayLike
+Action = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class OptionSet:
+    """K options of one robot, best first.
+
+    An option is its interest (how much it wants to begin), its policy and its termination. All are functions of the
+    observation and of how many steps the option has been running; options hold no state of an episode.
+    """
+
+    manifest: dict[str, Any]
+    """What `manifest.json` says: robot, sizes, horizon, how the set was selected, and the whole config of its run."""
+    _options: _elo.Options
+
+    def __len__(self) -> int:
+        return len(self._options)
+
+    @property
+    def steps(self) -> int:
+        """T: control steps for which an option was made."""
+        return int(self.manifest["horizon"]["steps"])
+
+    @property
+    def observation_size(self) -> int:
+        """Numbers in an observation."""
+        return int(self.manifest["spec"]["observation_size"])
+
+    @property
+    def action_low(self) -> Action:
+        """Least useful value of each action component."""
+        return np.asarray(self.manifest["spec"]["action_low"], np.float32)
+
+    @property
+    def action_high(self) -> Action:
+        """Greatest useful value of each action component."""
+        return np.asarray(self.manifest["spec"]["action_high"], np.float32)
+
+    def act(self, option: int, observation: Observation, elapsed: int, seed: int = 0) -> Action:
+        """What option number `option` does at `observation` (observation_size numbers) after `elapsed` of its steps.
+
+        `seed` feeds options that draw their actions; the present kinds do not. Gives an array of the action's size.
+        """
+        return self._options.act((option, elapsed), _array(observation), seed)
+
+    def termination(self, option: int, observation: Observation, elapsed: int) -> float:
+        """The probability that the option ends before its next action; 1 after `steps` for options of fixed length."""
+        return self._options.termination((option, elapsed), _array(observation))
+
+    def interests(self, observation: Observation) -> npt.NDArray[np.float32]:
+        """How much each option wants to begin at `observation`: positive numbers, all equal for options without interest.
+
+        An infant agent draws its next option in proportion to them.
+        """
+        return np.asarray(self._options.interests(_array(observation)), np.float32)
+
+
+def load(path: str | os.PathLike[str]) -> OptionSet:
+    """Reads the option set in a folder, e.g. `runs/NAME/results/option_sets/maximum_mean`.
+
+    Raises ValueError when a file is missing, damaged, or of a format that this version does not read.
+    """
+    options = _elo.Options(os.fspath(path))
+    return OptionSet(json.loads(options.manifest()), options)
+
+
+def _array(observation: Observation) -> npt.NDArray[np.float32]:
+    return np.ascontiguousarray(observation, dtype=np.float32).reshape(-1)
