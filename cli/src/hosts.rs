@@ -20,6 +20,17 @@ pub struct Programs {
 pub const SET_UP: &str =
     "run `tests/set-up` in the repository, which places MuJoCo under target/ and builds the worker";
 
+/// What else to do about a worker that does not start.
+pub fn remedy(program: &WorkerProgram) -> &'static str {
+    match program {
+        WorkerProgram::Beside(_) => "",
+        WorkerProgram::Interpreter(_) => {
+            "; install the package with `PYTHON -m pip install ./python` (in the repository), or name another interpreter \
+             or virtual environment in `workers.python`; `tests/set-up` makes one in target/python"
+        }
+    }
+}
+
 /// How long a step may take, for workers that watch their environments.
 const STEP_SECONDS: &str = "ELO_STEP_SECONDS";
 

@@ -13,7 +13,7 @@ use elo_core::units::Work;
 use elo_core::units::describe::Describe;
 
 use crate::exit::Exit;
-use crate::hosts::Programs;
+use crate::hosts::{Programs, remedy};
 use crate::output::print_error;
 
 /// The greatest config file that is read: 16 MiB.
@@ -71,7 +71,7 @@ fn describe(experiment: &mut Experiment, faults: &mut Faults) {
     let programs = Programs { workers: experiment.workers.clone() };
     let mut worker = match programs.start(&program) {
         Ok(worker) => worker,
-        Err(fault) => return faults.add("workers.python", fault.to_string()),
+        Err(fault) => return faults.add("workers.python", format!("{fault}{}", remedy(&program))),
     };
     let work = Work::from(Describe { simulator: duplicate(simulator) });
     let job = serde_json::to_vec(&work).expect("descriptions are plain data");

@@ -21,6 +21,10 @@ from typing import Any
 import numpy as np
 
 
+PARTS = ("positions", "velocities", "memory")
+"""What a state is made of."""
+
+
 class BadEnvironment(Exception):
     """The environment is not what the config needs. The message is for its author; it comes without a traceback."""
 
@@ -100,6 +104,7 @@ class Bridge:
         self.observation = np.zeros(int(np.prod(self._observation_shape)), np.float32)
         self.terms = np.zeros(max(len(self._names), 1), np.float64)
         self._elapsed = 0
+        self._sizes: tuple[int, ...] | None = None
 
     # What it is.
 
@@ -173,6 +178,17 @@ class Bridge:
     def restore(self, state: Mapping[str, Any], elapsed: int, values: Sequence[float]) -> None:
         """Puts the environment into a state that `state` gave, here or in another engine with the same robot."""
         self._take_parameters(values)
+        if self._sizes is None:
+            self._env.reset(seed=0)
+            self._sizes = tuple(len(part) for part in self.state()[:3])
+        given = [np.asarray(state[name], np.float64) for name in PARTS]
+        if tuple(part.size for part in given) != self._sizes:
+            raise BadEnvironment(
+                f"a state of another robot: {', '.join(PARTS)} have {[part.size for part in given]} numbers, expected "
+                f"{list(self._sizes)}"
+            )
+        if not all(np.isfinite(part).all() for part in given):
+            raise BadEnvironment("a state with numbers that are not finite")
         observation = getattr(self._env.unwrapped, self._config["state"]["set"])(state)
         self._elapsed = int(elapsed)
         self._see(observation, self._config["state"]["set"])
@@ -182,7 +198,7 @@ class Bridge:
         state = getattr(self._env.unwrapped, self._config["state"]["get"])()
         if not isinstance(state, Mapping):
             state = {"positions": state}
-        parts = [np.asarray(state.get(name, ()), np.float64).ravel().tolist() for name in ("positions", "velocities", "memory")]
+        parts = [np.asarray(state.get(name, ()), np.float64).ravel().tolist() for name in PARTS]
         return parts[0], parts[1], parts[2], self._elapsed
 
     def step(self) -> int:

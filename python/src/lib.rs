@@ -19,7 +19,7 @@ mod _elo {
     #[pymodule_export]
     use crate::options::Options;
     #[pymodule_export]
-    use crate::simulators::Simulator;
+    use crate::simulators::{Simulator, conformance};
 
     /// Version and processor class of this build, which the program `elo` must share.
     #[pyfunction]

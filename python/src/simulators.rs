@@ -1,5 +1,6 @@
 //! This project's simulators, for Python programs.
 
+use elo_core::conformance::simulator::Case;
 use elo_core::simulator::{End, Simulator as CoreSimulator, SimulatorConfig, Start, State};
 use elo_core::task::Task;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
@@ -22,19 +23,36 @@ fn refused(error: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
+/// A config, complete: one whose simulator only its environment knows has asked it.
+fn config(text: &str) -> PyResult<Box<dyn SimulatorConfig>> {
+    // Kinds are found by name, so their crates must be linked.
+    let _linked = crate::PLUGINS;
+    let mut config: Box<dyn SimulatorConfig> = serde_json::from_str(text).map_err(refused)?;
+    let mut faults = elo_core::fault::Faults::new();
+    config.validate(&mut faults);
+    if let Some(fault) = faults.found().first() {
+        return Err(refused(fault));
+    }
+    if config.needs_description() {
+        let description = config.describe().map_err(refused)?;
+        config.accept_description(&description).map_err(refused)?;
+    }
+    Ok(config)
+}
+
+/// Tries every rule of simulators on a config: the rules that it breaks, and a report on all.
+#[pyfunction]
+pub fn conformance(py: Python<'_>, config_json: &str) -> PyResult<(Vec<String>, String)> {
+    let case = Case::new(config(config_json)?);
+    let report = py.detach(|| elo_core::conformance::simulator::run(&case));
+    Ok((report.failed().into_iter().map(str::to_owned).collect(), report.to_string()))
+}
+
 #[pymethods]
 impl Simulator {
     #[new]
-    fn new(config: &str) -> PyResult<Self> {
-        // Kinds are found by name, so their crates must be linked.
-        let _linked = crate::PLUGINS;
-        let config: Box<dyn SimulatorConfig> = serde_json::from_str(config).map_err(refused)?;
-        let mut faults = elo_core::fault::Faults::new();
-        config.validate(&mut faults);
-        if let Some(fault) = faults.found().first() {
-            return Err(refused(fault));
-        }
-        Ok(Self { inner: config.build().map_err(failed)? })
+    fn new(config_json: &str) -> PyResult<Self> {
+        Ok(Self { inner: config(config_json)?.build().map_err(failed)? })
     }
 
     /// The spec, as JSON.

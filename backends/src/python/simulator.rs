@@ -25,6 +25,7 @@ pub struct PythonSimulator {
     action: Py<PyArray1<f32>>,
     observation: Py<PyArray1<f32>>,
     terms: Py<PyArray1<f64>>,
+    begun: bool,
     running: bool,
 }
 
@@ -83,7 +84,7 @@ impl PythonSimulator {
                 config.target
             )));
         }
-        Ok(Self { spec: config.spec_with(&described), bridge, step, action, observation, terms, running: false })
+        Ok(Self { spec: config.spec_with(&described), bridge, step, action, observation, terms, begun: false, running: false })
     }
 
     /// Calls the bridge, then copies what it saw into `observation`.
@@ -130,7 +131,7 @@ impl Simulator for PythonSimulator {
                 bridge.call_method1("restore", (given, state.elapsed, parameters)).map(drop)
             })?,
         }
-        self.running = true;
+        (self.begun, self.running) = (true, true);
         Ok(())
     }
 
@@ -140,14 +141,14 @@ impl Simulator for PythonSimulator {
         observation: &mut [f32],
         reward_terms: &mut [f64],
     ) -> Result<End, SimulatorError> {
+        // After any error, and after an end, only a reset goes on.
+        if !std::mem::take(&mut self.running) {
+            return Err(SimulatorError::NoEpisode);
+        }
         check_length("action", action.len(), self.spec.action_size())?;
         check_length("observation", observation.len(), self.spec.observation_size)?;
         check_length("reward terms", reward_terms.len(), self.spec.reward_terms.len())?;
         check_action(action)?;
-        if !self.running {
-            return Err(SimulatorError::NoEpisode);
-        }
-        self.running = false;
         let (low, high) = (&self.spec.action_low, &self.spec.action_high);
         let end = Python::attach(|py| -> PyResult<u8> {
             let _call = Call::begin();
@@ -177,6 +178,9 @@ impl Simulator for PythonSimulator {
     fn state(&self) -> Result<State, SimulatorError> {
         if !self.spec.capabilities.settable_state {
             return Err(SimulatorError::Unsupported("reading its state"));
+        }
+        if !self.begun {
+            return Err(SimulatorError::NoEpisode);
         }
         let state = Python::attach(|py| {
             let (positions, velocities, memory, elapsed) = self.bridge.bind(py).call_method0("state")?.extract()?;

@@ -8,7 +8,7 @@ use elo_core::plugin::{Plugin, Role};
 use elo_core::simulator::SimulatorConfig;
 
 use crate::exit::Exit;
-use crate::hosts::Programs;
+use crate::hosts::{Programs, remedy};
 use crate::output::print;
 
 /// Looks for every engine and says what it found.
@@ -34,6 +34,6 @@ fn finding(config: &dyn SimulatorConfig) -> String {
     };
     match Programs::default().start(&program) {
         Ok(worker) => format!("ready: {}, in the worker {program}", worker.engine()),
-        Err(fault) => format!("missing: {fault}"),
+        Err(fault) => format!("missing: {fault}{}", remedy(&program)),
     }
 }

@@ -1,0 +1,92 @@
+"""A point mass for tests, and others that go wrong in one way each."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+
+class Mass(gymnasium.Env[Any, Any]):
+    """Pushed along a line towards 1; `goal` is an attribute, `weight` a keyword, `effort` is priced."""
+
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (2,), np.float32)
+    action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
+    control_step = 0.05
+
+    def __init__(self, weight: float = 1.0) -> None:
+        self.weight, self.goal = weight, 1.0
+        self.place = self.speed = 0.0
+
+    def _see(self) -> Any:
+        return np.array([self.place, self.speed], np.float32)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self.place, self.speed = float(self.np_random.uniform(-0.5, 0.5)), 0.0
+        return self._see(), {}
+
+    def step(self, action: Any) -> Any:
+        force = float(action[0])
+        self.speed += 0.05 * force / self.weight
+        self.place += 0.05 * self.speed
+        terms = {"nearness": -abs(self.goal - self.place), "effort": force * force}
+        return self._see(), terms["nearness"], abs(self.place) > 3.0, False, {"reward_terms": terms}
+
+    def get_state(self) -> Any:
+        return {"positions": [self.place], "velocities": [self.speed], "memory": []}
+
+    def set_state(self, state: Any) -> Any:
+        self.place, self.speed = float(state["positions"][0]), float(state["velocities"][0])
+        return self._see()
+
+
+class Wrong(Mass):
+    """Goes wrong in the way called `how` once the mass is beyond `at`, if `marker` is not there yet (it is then made)."""
+
+    def __init__(self, how: str, at: float = 0.3, marker: str = "") -> None:
+        super().__init__()
+        self.how, self.at, self.marker = how, at, Path(marker) if marker else None
+        if how == "dict":
+            self.observation_space = gymnasium.spaces.Dict({"place": Mass.observation_space})  # type: ignore[assignment]
+        if how == "discrete":
+            self.action_space = gymnasium.spaces.Discrete(3)  # type: ignore[assignment]
+
+    def step(self, action: Any) -> Any:
+        observation, reward, terminated, truncated, info = super().step(action)
+        if self.how == "hidden counter":
+            self.at += 0.01
+            return observation + np.float32(self.at), reward, terminated, truncated, info
+        if abs(self.place) < self.at or (self.marker and self.marker.exists()):
+            return observation, reward, terminated, truncated, info
+        if self.marker:
+            self.marker.touch()
+        if self.how == "raises":
+            raise RuntimeError("the motor is on fire")
+        if self.how == "hangs":
+            while True:
+                pass
+        if self.how == "sleeps":
+            time.sleep(1000)
+        if self.how == "exits":
+            os._exit(0)
+        if self.how == "aborts":
+            os.abort()
+        if self.how == "segfaults":
+            ctypes.string_at(0)
+        if self.how == "nan":
+            observation[0] = np.nan
+        if self.how == "shape":
+            observation = np.zeros(3, np.float32)
+        if self.how == "text":
+            observation = np.array(["a", "b"])
+        if self.how == "four":
+            return observation, reward, terminated, info
+        if self.how == "no reward":
+            reward = None
+        return observation, reward, terminated, truncated, info

@@ -1,0 +1,177 @@
+"""Option sets, environments and wrapper of the package, and that its stubs are true."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import elo
+import elo.gym
+import gymnasium
+import numpy as np
+import pytest
+from conftest import REPOSITORY
+from gymnasium.utils.env_checker import check_env
+
+RAPIER = {"kind": "rapier", "robot": "half-cheetah"}
+
+
+@pytest.fixture(scope="session")
+def option_set(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small set of the half-cheetah on Rapier."""
+    out = tmp_path_factory.mktemp("run")
+    sizes = ["teacher.steps=4096", "discover.candidates=6", "discover.contexts=6", "discover.set_size=3"]
+    sizes += ["discover.steps=8", "initial_states.max_random_steps=0", "report.contexts=6"]
+    arguments = [argument for size in sizes for argument in ("--set", size)]
+    config = REPOSITORY / "examples" / "half-cheetah-quick.toml"
+    subprocess.run([elo_program, "discover", config, "--out", out, *arguments], check=True, capture_output=True)
+    return out / "results" / "option_sets" / "maximum_mean"
+
+
+def test_a_set_is_what_its_files_say(option_set: Path) -> None:
+    options = elo.load(option_set)
+    assert (len(options), options.steps, options.observation_size) == (3, 8, 26)
+    assert options.action_low.tolist() == [-1.0] * 6
+    observation = np.zeros(26)
+    first, later = options.act(0, observation, 0), options.act(0, observation, 7)
+    assert first.shape == (6,) and first.dtype == np.float32 and not np.array_equal(first, later)
+    assert [options.termination(1, observation, t) for t in (0, 7, 8)] == [0.0, 0.0, 1.0]
+    assert options.interests(observation).tolist() == [1.0, 1.0, 1.0]
+    with pytest.raises(IndexError, match="option 3 of a set of 3"):
+        options.act(3, observation, 0)
+    with pytest.raises(ValueError, match="has 5 numbers, the set's robot has 26"):
+        options.act(0, np.zeros(5), 0)
+
+
+def test_a_damaged_or_missing_set_is_refused(option_set: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="manifest.json"):
+        elo.load(tmp_path)
+    (tmp_path / "manifest.json").write_bytes((option_set / "manifest.json").read_bytes()[:-40])
+    with pytest.raises(ValueError, match="manifest.json"):
+        elo.load(tmp_path)
+
+
+def test_a_state_that_was_read_is_gone_on_from(option_set: Path) -> None:
+    environment, options = elo.gym.Environment(RAPIER), elo.load(option_set)
+    observation, _ = environment.reset(seed=3)
+    state = environment.state()
+
+    def play(observation: np.ndarray) -> list[tuple[float, list[float]]]:
+        seen = []
+        for step in range(options.steps):
+            observation, reward, *_ = environment.step(options.act(0, observation, step))
+            seen.append((reward, observation.tolist()))
+        return seen
+
+    first = play(observation)
+    again, _ = environment.reset(options={"state": state})
+    assert np.allclose(again, observation) and play(again)[0][0] == pytest.approx(first[0][0], abs=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:.*Box observation space.*")
+def test_environments_pass_gymnasiums_check() -> None:
+    for robot in ("ant", "half-cheetah", "walker2d"):
+        check_env(elo.gym.make({"kind": "rapier", "robot": robot}).unwrapped, skip_render_check=True)
+
+
+def test_tasks_price_and_limits_truncate() -> None:
+    cheap = elo.gym.make(RAPIER, task={"electricity_cost": 0.0}, max_episode_steps=3)
+    dear = elo.gym.make(RAPIER, task={"electricity_cost": -10.0}, max_episode_steps=3)
+    cheap.reset(seed=1)
+    dear.reset(seed=1)
+    action = np.full(6, 0.5, np.float32)
+    for step in range(3):
+        one, other = cheap.step(action), dear.step(action)
+        used = one[4]["reward_terms"]["electricity"]
+        assert float(one[1]) - float(other[1]) == pytest.approx(10.0 * used)
+        assert one[3] == (step == 2)
+    with pytest.raises(ValueError, match="no task parameter"):
+        elo.gym.make(RAPIER, task={"colour": 1.0})
+    with pytest.raises(ValueError, match="no robot"):
+        elo.gym.make({"kind": "rapier", "robot": "unicorn"})
+
+
+def test_several_at_once() -> None:
+    environments = gymnasium.vector.SyncVectorEnv([lambda: elo.gym.make(RAPIER)] * 2)
+    observations, _ = environments.reset(seed=1)
+    assert observations.shape == (2, 26)
+    assert environments.step(environments.action_space.sample())[1].shape == (2,)
+
+
+class Counting(gymnasium.Env):
+    """Pays 1, 2, 3, … and ends after `length` steps."""
+
+    def __init__(self, options: elo.OptionSet, length: int) -> None:
+        size = options.observation_size
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        self.action_space = gymnasium.spaces.Box(options.action_low, options.action_high)
+        self.length, self.time, self.actions = length, 0, []
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.time = 0
+        return np.zeros(self.observation_space.shape, np.float32), {}
+
+    def step(self, action):
+        self.time += 1
+        self.actions.append(action)
+        observation = np.zeros(self.observation_space.shape, np.float32)
+        return observation, float(self.time), self.time >= self.length, False, {"inner": self.time}
+
+
+def test_the_wrappers_reward_is_the_smdps(option_set: Path) -> None:
+    options = elo.load(option_set)
+    inner = Counting(options, 12)
+    wrapper = elo.gym.OptionsWrapper(inner, options, discount=0.9)
+    wrapper.reset(seed=1)
+    _, reward, terminated, truncated, info = wrapper.step(2)
+    # r_1 + γ r_2 + … over the 8 steps of the option, and γ^8 for what follows.
+    assert reward == pytest.approx(sum(0.9**i * (i + 1) for i in range(8)))
+    assert (terminated, truncated, info["steps"], info["option"]) == (False, False, 8, 2)
+    assert info["discount"] == pytest.approx(0.9**8) and info["return"] == 36.0
+    assert all(np.array_equal(a, options.act(2, np.zeros(26), t)) for t, a in enumerate(inner.actions))
+    # The second decision is cut short by the end of the episode.
+    _, reward, terminated, _, info = wrapper.step(0)
+    assert reward == pytest.approx(sum(0.9**i * (i + 9) for i in range(4)))
+    assert (terminated, info["steps"], info["inner"]) == (True, 4, 12)
+
+
+def test_the_wrapper_offers_primitive_actions(option_set: Path) -> None:
+    options = elo.load(option_set)
+    inner = Counting(options, 40)
+    wrapper = elo.gym.OptionsWrapper(inner, options, primitive=True)
+    wrapper.reset(seed=1)
+    torques = np.linspace(-1, 1, 6)
+    _, reward, _, _, info = wrapper.step(np.concatenate([[1, 0, 0, 0], torques]).astype(np.float32))
+    assert (reward, info["steps"], info["option"]) == (1.0, 1, -1)
+    assert np.allclose(inner.actions[-1], torques)
+    assert wrapper.step(np.concatenate([[0, 0, 1, 0], torques]).astype(np.float32))[4]["option"] == 1
+    with pytest.raises(ValueError, match="26 observations"):
+        elo.gym.OptionsWrapper(gymnasium.make("Pendulum-v1"), options)
+
+
+def test_the_stubs_are_true(tmp_path: Path) -> None:
+    checked = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "/dev/null", "--package", "elo"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert checked.returncode == 0, checked.stdout
+    compared = subprocess.run(
+        [sys.executable, "-m", "mypy.stubtest", "elo._elo", "--ignore-missing-stub"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert compared.returncode == 0, compared.stdout + compared.stderr
+
+
+def test_the_versions_are_the_same(elo_program: Path) -> None:
+    said = subprocess.run([elo_program, "doctor"], capture_output=True, text=True, check=True).stdout
+    assert said.splitlines()[0] == elo._elo.fingerprint()
+    assert json.loads(elo._elo.Simulator(json.dumps(RAPIER)).spec())["robot"] == "half-cheetah"

@@ -1,0 +1,150 @@
+"""Environments in Python as simulators of the program `elo`: those that work, and those that go wrong."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import elo.gym
+import pytest
+from conftest import Discover
+
+MASS = """
+target = "toys:Mass"
+[[simulator.reward_terms]]
+name = "nearness"
+weight = 1.0
+[[simulator.reward_terms]]
+name = "effort"
+parameter = "effort_cost"
+[[simulator.task_parameters]]
+name = "effort_cost"
+default = -0.1
+low = -1.0
+high = 0.0
+binding = "price"
+[[simulator.task_parameters]]
+name = "weight"
+default = 1.0
+low = 0.5
+high = 2.0
+binding = "constructor"
+[[simulator.task_parameters]]
+name = "goal"
+default = 1.0
+low = -2.0
+high = 2.0
+binding = "attribute"
+"""
+TASKS = "tasks={effort_cost={low=-0.5,high=-0.1},weight={low=0.5,high=2.0},goal={low=0.5,high=1.5}}"
+
+
+def wrong(how: str, marker: Path | None = None, at: float = 0.0) -> str:
+    kwargs = {"how": how, "at": at, "marker": str(marker or "")}
+    table = ", ".join(f"{key} = {json.dumps(value)}" for key, value in kwargs.items())
+    return f'target = "toys:Wrong"\nkwargs = {{ {table} }}'
+
+
+def failures(out: Path) -> list[dict[str, str]]:
+    with open(out / "results" / "failures.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def same(one: Path, other: Path) -> bool:
+    files = sorted(path.relative_to(one) for path in one.rglob("*") if path.is_file())
+    there = sorted(path.relative_to(other) for path in other.rglob("*") if path.is_file())
+    return files == there and all((one / path).read_bytes() == (other / path).read_bytes() for path in files)
+
+
+def test_a_gymnasium_id(discover: Discover, tmp_path: Path) -> None:
+    ran = discover('target = "Pendulum-v1"')
+    assert ran.returncode == 0, ran.stderr
+    assert "Pendulum-v1 in python" in ran.stdout and failures(tmp_path / "run") == []
+
+
+def test_a_file_of_ones_own_with_tasks_and_terms(discover: Discover, tmp_path: Path) -> None:
+    ran = discover(MASS, "--set", TASKS, "--workers", "1")
+    assert ran.returncode == 0, ran.stderr
+    report = json.loads((tmp_path / "run" / "results" / "report.json").read_text())
+    assert report["robot"] == "toys:Mass" and "toys" in report["engine"]["version"]
+    manifest = json.loads(next(tmp_path.glob("run/results/option_sets/*/manifest.json")).read_text())
+    assert [term["name"] for term in manifest["spec"]["reward_terms"]] == ["nearness", "effort"]
+    assert manifest["spec"]["control_step"] == 0.05
+    assert discover(MASS, "--set", TASKS, "--workers", "2", out="two").returncode == 0
+    assert same(tmp_path / "run" / "results", tmp_path / "two" / "results")
+
+
+@pytest.mark.parametrize("state", [True, False])
+def test_the_conformance_suite(state: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent / "environments"))
+    config = {"kind": "python", "target": "toys:Mass", "reward_floor": -10.0}
+    if state:
+        config["state"] = {}
+    assert elo.gym.conformance(config) == []
+
+
+def test_conformance_finds_what_is_not_repeatable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent / "environments"))
+    config = {"kind": "python", "target": "toys:Wrong", "kwargs": {"how": "hidden counter"}}
+    assert "a_used_object_repeats" in elo.gym.conformance(config)
+
+
+@pytest.mark.parametrize(
+    ("simulator", "said"),
+    [
+        ('target = "nowhere:Env"', "finds no module `nowhere`"),
+        ('target = "toys:Nothing"', "module `toys` has no `Nothing`"),
+        ('target = "toys"', "neither a Gymnasium id"),
+        ('target = "NoSuch-v0"', "NoSuch"),
+        (wrong("dict"), "expected a Box"),
+        (wrong("discrete"), "expected a Box"),
+        ('target = "toys:Mass"\nkwargs = { wait = 1 }', "unexpected keyword argument 'wait'"),
+        ('target = "toys:Mass"\nreward_terms = [{ name = "nearness" }]', "either `weight` or `parameter`"),
+    ],
+)
+def test_what_cannot_be_a_simulator_is_refused(
+    discover: Discover, tmp_path: Path, simulator: str, said: str
+) -> None:
+    ran = discover(simulator)
+    assert ran.returncode == 2 and said in ran.stderr, ran.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_no_python_is_told(discover: Discover, tmp_path: Path) -> None:
+    for python in ["/nonexistent/python", "/usr/bin/env"]:
+        ran = discover(MASS, "--set", f'workers.python="{python}"')
+        assert ran.returncode == 2 and "pip install ./python" in ran.stderr, ran.stderr
+
+
+@pytest.mark.parametrize("how", ["raises", "exits", "aborts", "segfaults", "hangs", "sleeps"])
+def test_a_fault_that_passes_changes_no_byte(discover: Discover, tmp_path: Path, how: str) -> None:
+    """The environment goes wrong once, in the middle of the run; its unit is done again with the same seeds."""
+    marker = tmp_path / "marker"
+    # The mass gets so far only in rollouts of trained options or teachers.
+    limits = "step_seconds = 1.0"
+    ran = discover(wrong(how, marker, 0.52), workers=limits)
+    assert ran.returncode == 0, ran.stderr
+    assert marker.exists()
+    again = discover(wrong(how, marker, 0.52), workers=limits, out="undisturbed")
+    assert again.returncode == 0, again.stderr
+    if how == "raises":
+        return
+    assert "tried again" in ran.stderr or "ended" in ran.stderr, ran.stderr
+    assert same(tmp_path / "run" / "results", tmp_path / "undisturbed" / "results")
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("nan", "not finite"),
+        ("shape", "an observation of shape (3,), its space says (2,)"),
+        ("text", "expected numbers"),
+        ("four", "Gymnasium's interface"),
+        ("no reward", "the reward None"),
+        ("raises", "the motor is on fire"),
+    ],
+)
+def test_a_fault_that_stays_is_told(discover: Discover, how: str, said: str) -> None:
+    ran = discover(wrong(how))
+    assert ran.returncode == 1 and said in ran.stderr, ran.stderr
