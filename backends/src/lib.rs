@@ -18,7 +18,10 @@ pub const PLUGINS: &[Plugin] = &[
         "mujoco",
         "robots with legs in MuJoCo 3.17.0 (needs libmujoco)",
     ),
-    Plugin::simulator::<python::PythonConfig>("python", "an environment in Python with Gymnasium's interface"),
+    Plugin::simulator::<python::PythonConfig>(
+        "python",
+        "an environment in Python with Gymnasium's interface",
+    ),
     #[cfg(feature = "rapier")]
     Plugin::simulator::<rapier::RapierConfig>(
         "rapier",

@@ -58,10 +58,10 @@ impl Programs {
         let own = std::env::var_os("PYTHONPATH");
         let folders = self.workers.python_path.iter().map(Into::into).chain(own);
         let folders: Vec<std::ffi::OsString> = folders.collect();
-        if let Ok(path) = std::env::join_paths(folders.iter().flat_map(std::env::split_paths)) {
-            if !path.is_empty() {
-                command.env("PYTHONPATH", path);
-            }
+        if let Ok(path) = std::env::join_paths(folders.iter().flat_map(std::env::split_paths))
+            && !path.is_empty()
+        {
+            command.env("PYTHONPATH", path);
         }
         command
     }

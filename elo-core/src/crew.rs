@@ -218,7 +218,7 @@ impl<'a> Crew<'a> {
     }
 
     fn return_worker(&self, program: &WorkerProgram, worker: WorkerProcess) {
-        self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((program.clone(), worker));
+        self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((*program, worker));
     }
 }
 

@@ -37,7 +37,9 @@ impl Options {
             return Ok(observation);
         }
         let got = observation.len();
-        Err(PyValueError::new_err(format!("the observation has {got} numbers, the set's robot has {expected}")))
+        Err(PyValueError::new_err(format!(
+            "the observation has {got} numbers, the set's robot has {expected}"
+        )))
     }
 }
 
@@ -78,11 +80,7 @@ impl Options {
     }
 
     /// The probability that an option ends before its next action.
-    fn termination(
-        &self,
-        when: (usize, usize),
-        observation: PyReadonlyArray1<'_, f32>,
-    ) -> PyResult<f64> {
+    fn termination(&self, when: (usize, usize), observation: PyReadonlyArray1<'_, f32>) -> PyResult<f64> {
         let (option, elapsed) = when;
         Ok(self.option(option)?.termination(self.observation(&observation)?, elapsed))
     }

@@ -70,7 +70,12 @@ impl Simulator {
     }
 
     /// Begins an episode; `start` is `{"seed": …}` or `{"state": …}` as JSON. Gives the observation.
-    fn reset<'py>(&mut self, py: Python<'py>, task: &str, start: &str) -> PyResult<Bound<'py, PyArray1<f32>>> {
+    fn reset<'py>(
+        &mut self,
+        py: Python<'py>,
+        task: &str,
+        start: &str,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
         let task: Task = serde_json::from_str(task).map_err(refused)?;
         let start: Start = serde_json::from_str(start).map_err(refused)?;
         let mut observation = vec![0.0; self.inner.spec().observation_size];

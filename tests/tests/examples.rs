@@ -36,7 +36,10 @@ fn read(path: &Path, overrides: &[String]) -> Result<Experiment, Vec<Fault>> {
     let mut faults = Faults::new();
     let folder = path.parent().expect("a file has a folder");
     faults.within("simulator", |faults| reading.config.simulator.embed_files(folder, faults));
-    reading.config.validate(&mut faults);
+    // What only a worker knows is missing here; `python/tests/test_examples.py` runs those configs whole.
+    if !reading.config.simulator.needs_description() {
+        reading.config.validate(&mut faults);
+    }
     if faults.found().is_empty() { Ok(reading.config) } else { Err(faults.into_found()) }
 }
 
@@ -64,9 +67,10 @@ fn every_config_is_without_faults_and_shows_itself_as_it_is() {
 
 #[test]
 fn the_configs_of_robots_with_legs_serve_both_engines() {
-    for path in
-        configs(&examples()).into_iter().filter(|path| !path.to_string_lossy().contains("own-plugins"))
-    {
+    let ours = |path: &PathBuf| {
+        !path.starts_with(examples().join("own-plugins")) && !path.starts_with(examples().join("python"))
+    };
+    for path in configs(&examples()).into_iter().filter(ours) {
         for kind in ["rapier", "mujoco"] {
             let overrides = [format!("simulator.kind={kind}")];
             let experiment = read(&path, &overrides);

@@ -213,9 +213,10 @@ impl SimulatorConfig for PythonConfig {
     }
 
     fn spec(&self) -> Result<SimulatorSpec, BuildError> {
-        let described = self.described.as_ref().ok_or_else(|| {
-            BuildError::Robot(format!("`{}` has not been asked what it is", self.target))
-        })?;
+        let described = self
+            .described
+            .as_ref()
+            .ok_or_else(|| BuildError::Robot(format!("`{}` has not been asked what it is", self.target)))?;
         Ok(self.spec_with(described))
     }
 
@@ -252,8 +253,9 @@ impl SimulatorConfig for PythonConfig {
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
         Err(BuildError::MissingEngine {
             engine: "Python".to_owned(),
-            remedy: "environments in Python run in `python -m elo.worker`; install it with `pip install ./python`"
-                .to_owned(),
+            remedy:
+                "environments in Python run in `python -m elo.worker`; install it with `pip install ./python`"
+                    .to_owned(),
         })
     }
 }

@@ -73,7 +73,14 @@ impl PythonSimulator {
             let array = |name: &str| bridge.getattr(name)?.cast_into::<PyArray1<f32>>().map_err(PyErr::from);
             let terms = bridge.getattr("terms")?.cast_into::<PyArray1<f64>>().map_err(PyErr::from)?;
             let (action, observation) = (array("action")?.unbind(), array("observation")?.unbind());
-            Ok((described, action, observation, terms.unbind(), bridge.getattr("step")?.unbind(), bridge.unbind()))
+            Ok((
+                described,
+                action,
+                observation,
+                terms.unbind(),
+                bridge.getattr("step")?.unbind(),
+                bridge.unbind(),
+            ))
         });
         let (described, action, observation, terms, step, bridge) = made.map_err(refused)?;
         let described: Described =
@@ -84,7 +91,16 @@ impl PythonSimulator {
                 config.target
             )));
         }
-        Ok(Self { spec: config.spec_with(&described), bridge, step, action, observation, terms, begun: false, running: false })
+        Ok(Self {
+            spec: config.spec_with(&described),
+            bridge,
+            step,
+            action,
+            observation,
+            terms,
+            begun: false,
+            running: false,
+        })
     }
 
     /// Calls the bridge, then copies what it saw into `observation`.
@@ -153,7 +169,9 @@ impl Simulator for PythonSimulator {
         let end = Python::attach(|py| -> PyResult<u8> {
             let _call = Call::begin();
             let mut given = self.action.bind(py).try_readwrite()?;
-            for ((to, a), (low, high)) in given.as_slice_mut()?.iter_mut().zip(action).zip(low.iter().zip(high)) {
+            for ((to, a), (low, high)) in
+                given.as_slice_mut()?.iter_mut().zip(action).zip(low.iter().zip(high))
+            {
                 *to = a.clamp(*low, *high);
             }
             drop(given);
@@ -183,7 +201,8 @@ impl Simulator for PythonSimulator {
             return Err(SimulatorError::NoEpisode);
         }
         let state = Python::attach(|py| {
-            let (positions, velocities, memory, elapsed) = self.bridge.bind(py).call_method0("state")?.extract()?;
+            let (positions, velocities, memory, elapsed) =
+                self.bridge.bind(py).call_method0("state")?.extract()?;
             Ok(State { positions, velocities, memory, elapsed })
         });
         state.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))
