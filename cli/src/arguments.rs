@@ -41,6 +41,8 @@ pub enum Command {
         #[command(subcommand)]
         action: ConfigAction,
     },
+    /// Measure a finished run's options in the same contexts on other engines.
+    Crosscheck(Crosscheck),
     /// Tell which engines were found, and what to run for those that are missing.
     Doctor,
 }
@@ -82,6 +84,26 @@ pub struct Evaluate {
     /// Run directory to keep the rollouts in [default: a temporary one].
     #[arg(long)]
     pub out: Option<PathBuf>,
+    /// Units of work under way at once [default: one a processor].
+    #[arg(long)]
+    pub workers: Option<usize>,
+    /// Print the figures as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `elo crosscheck`.
+#[derive(Debug, Args)]
+pub struct Crosscheck {
+    /// A run directory that `elo discover` finished.
+    pub run: PathBuf,
+    /// Another simulator: a kind, e.g. mujoco, which keeps the run's other fields, or a TOML file with a [simulator] table;
+    /// may be repeated.
+    #[arg(long = "simulator", value_name = "KIND|FILE", required = true)]
+    pub simulators: Vec<String>,
+    /// Held-out contexts in which every candidate is measured on every engine.
+    #[arg(long, default_value_t = 30)]
+    pub contexts: usize,
     /// Units of work under way at once [default: one a processor].
     #[arg(long)]
     pub workers: Option<usize>,

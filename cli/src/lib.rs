@@ -39,6 +39,7 @@ pub fn main_with(plugins: &[&[Plugin]]) -> ExitCode {
     let done = match command {
         Command::Discover(arguments) => commands::discover::run(&arguments, plugins),
         Command::Evaluate(arguments) => commands::evaluate::run(&arguments, plugins),
+        Command::Crosscheck(arguments) => commands::crosscheck::run(&arguments, plugins),
         Command::Plugins => commands::plugins::run(plugins),
         Command::Example { kind } => commands::example::run(&kind, plugins),
         Command::Config { action } => commands::config::run(&action, plugins),

@@ -33,7 +33,7 @@ pub fn embedded(
     overrides: &[String],
     plugins: &[&[Plugin]],
 ) -> Result<Experiment, Exit> {
-    checked((text, name), Path::new("."), overrides, plugins)
+    checked((text, name), name.parent().unwrap_or(Path::new(".")), overrides, plugins)
         .map_err(|error| Exit::BadInput(error.without_lines().to_string()))
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use elo_core::crosscheck::{Crosscheck, Difference};
 use elo_core::evaluate::Evaluation;
 use elo_core::figures::{Comparison, Row};
 use elo_core::report::Report;
@@ -75,6 +76,54 @@ pub fn evaluation(evaluation: &Evaluation) -> String {
         line(&mut text, &row.name, row);
     }
     comparisons(&mut text, &evaluation.against);
+    text
+}
+
+/// The table that `elo crosscheck` ends with.
+pub fn crosscheck(found: &Crosscheck) -> String {
+    let Crosscheck { robot, contexts, candidates, engines, pairs, robust, robust_scores } = found;
+    let mut text = format!("\n{robot}: {} candidates in {contexts} shared contexts\n", candidates.len());
+    let list = |numbers: &[usize]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+    for engine in engines {
+        let average = engine.scores.iter().sum::<f64>() / engine.scores.len().max(1) as f64;
+        let _ = writeln!(
+            text,
+            "{:<12} mean return of all candidates {average:.1}, best {}, {:.1} % of rollouts failed{}",
+            engine.engine.name,
+            list(&engine.best),
+            engine.failures * 100.0,
+            if engine.same_starts { "" } else { "; its starts are its own: it cannot be put into states" }
+        );
+    }
+    let correlation =
+        |found: &Option<Interval>| found.map_or("not defined".to_owned(), |found| interval(&found, 2));
+    for pair in pairs {
+        let (first, second) = (&engines[pair.first].engine.name, &engines[pair.second].engine.name);
+        let differ = pair.differences.iter().filter(|d| d.sign_test < 0.05 / candidates.len() as f64);
+        let (more, less): (Vec<&Difference>, Vec<&Difference>) = differ.partition(|d| d.mean > 0.0);
+        let [early, middle, late] = pair.parted_after;
+        let _ = writeln!(text, "\n{first} and {second}");
+        let _ = writeln!(text, "  Kendall's τ-b of the mean returns  {}", correlation(&pair.kendall));
+        let _ = writeln!(text, "  Spearman's ρ                       {}", correlation(&pair.spearman));
+        let _ = writeln!(text, "  of the best {}, in both            {}", robust.len(), pair.shared_best);
+        let _ = writeln!(
+            text,
+            "  candidates that earn more on {second}: {}, less: {} (sign test at 5 %, Bonferroni)",
+            more.len(),
+            less.len()
+        );
+        let _ = writeln!(
+            text,
+            "  the best options' trajectories part after {middle:.0} steps (quartiles {early:.0} and {late:.0})"
+        );
+    }
+    let scores: Vec<String> = robust_scores.iter().map(|score| format!("{score:.1}")).collect();
+    let _ = writeln!(
+        text,
+        "\nbest by the worst engine: {} (worst mean returns {})",
+        list(robust),
+        scores.join(" ")
+    );
     text
 }
 

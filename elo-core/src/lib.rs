@@ -9,6 +9,7 @@ pub mod config;
 pub mod conformance;
 pub mod context;
 pub mod crew;
+pub mod crosscheck;
 pub mod discover;
 pub mod evaluate;
 pub mod experiment;

@@ -1,6 +1,7 @@
 //! One file a command.
 
 pub mod config;
+pub mod crosscheck;
 pub mod discover;
 pub mod doctor;
 pub mod evaluate;

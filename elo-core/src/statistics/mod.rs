@@ -14,6 +14,7 @@
 //! The expected numbers in the tests come from numpy, scipy and KDEpy; `goldens.py` in this folder prints
 //! them.
 
+pub mod agreement;
 pub mod bandwidth;
 pub mod bootstrap;
 pub mod density;

@@ -99,7 +99,7 @@ impl RolloutTable {
 }
 
 /// Something that can be asked for the agent that it is.
-enum Cast {
+pub(super) enum Cast {
     Random,
     Zero,
     Policy { policy: Box<dyn TeacherPolicy>, sampling: bool },
@@ -158,7 +158,12 @@ impl Evaluate {
 }
 
 impl Subject {
-    fn cast(&self, inputs: &[Vec<u8>], site: &mut Site, spec: &SimulatorSpec) -> Result<Cast, WorkError> {
+    pub(super) fn cast(
+        &self,
+        inputs: &[Vec<u8>],
+        site: &mut Site,
+        spec: &SimulatorSpec,
+    ) -> Result<Cast, WorkError> {
         let failed = |error: crate::tensors::TensorError| WorkError::Failed(error.to_string());
         Ok(match &self.behavior {
             Behavior::RandomTorque => Cast::Random,
@@ -186,7 +191,11 @@ impl Subject {
 }
 
 impl Cast {
-    fn play(&self, spec: &SimulatorSpec, mut act: impl FnMut(&mut dyn Agent) -> Rollout) -> Rollout {
+    pub(super) fn play(
+        &self,
+        spec: &SimulatorSpec,
+        mut act: impl FnMut(&mut dyn Agent) -> Rollout,
+    ) -> Rollout {
         match self {
             Self::Random => act(&mut RandomTorque::new(spec)),
             Self::Zero => act(&mut ZeroTorque),

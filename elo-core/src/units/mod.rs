@@ -11,6 +11,7 @@ pub mod evaluate;
 pub mod learn;
 pub mod prepare;
 pub mod record;
+pub mod trace;
 pub mod train;
 
 use std::collections::BTreeMap;
@@ -37,6 +38,8 @@ pub enum Work {
     Prepare(prepare::Prepare),
     /// Some rollouts.
     Evaluate(evaluate::Evaluate),
+    /// What is seen in some rollouts.
+    Trace(trace::Trace),
     /// What a simulator is.
     Describe(describe::Describe),
 }
@@ -51,6 +54,7 @@ impl Work {
             Self::Learn(_) => "learn",
             Self::Prepare(_) => "prepare",
             Self::Evaluate(_) => "evaluate",
+            Self::Trace(_) => "trace",
             Self::Describe(_) => "describe",
         };
         Stage { name, version: 1 }
@@ -64,6 +68,7 @@ impl Work {
             Self::Learn(_) => None,
             Self::Prepare(work) => Some(work.simulator.as_ref()),
             Self::Evaluate(work) => Some(work.simulator.as_ref()),
+            Self::Trace(work) => Some(work.simulator.as_ref()),
             Self::Describe(work) => Some(work.simulator.as_ref()),
         }
     }
@@ -77,6 +82,7 @@ impl Work {
             Self::Learn(work) => &work.seed,
             Self::Prepare(work) => &work.seed,
             Self::Evaluate(work) => &work.seed,
+            Self::Trace(work) => &work.seed,
             Self::Describe(_) => &Seed::root(0),
         };
         Key::of(&self.stage(), self, inputs, seed, &fingerprint(program, engine.as_ref()))
@@ -98,6 +104,7 @@ impl Work {
             Self::Learn(work) => work.perform(inputs, monitor),
             Self::Prepare(work) => work.perform(site, monitor),
             Self::Evaluate(work) => work.perform(inputs, site, monitor),
+            Self::Trace(work) => work.perform(inputs, site, monitor),
             Self::Describe(work) => work.perform(),
         }
     }
@@ -112,9 +119,12 @@ impl Work {
     pub fn outcome_of_lost_worker(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
         match self {
             Self::Evaluate(work) => work.all_failed(inputs, reason),
-            Self::Train(_) | Self::Record(_) | Self::Learn(_) | Self::Prepare(_) | Self::Describe(_) => {
-                Err(WorkError::Failed(reason.to_owned()))
-            }
+            Self::Train(_)
+            | Self::Record(_)
+            | Self::Learn(_)
+            | Self::Prepare(_)
+            | Self::Trace(_)
+            | Self::Describe(_) => Err(WorkError::Failed(reason.to_owned())),
         }
     }
 }

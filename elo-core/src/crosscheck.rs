@@ -1,0 +1,296 @@
+//! The same options in the same contexts on several engines: whose ranking holds on another, and which options do.
+
+use serde::{Deserialize, Serialize};
+
+use crate::context::Split;
+use crate::crew::{RunError, Unit};
+use crate::discover::{ContextSet, Discovery, Run, duplicate};
+use crate::experiment::Experiment;
+use crate::performer::Performer;
+use crate::report::statistics;
+use crate::rollout::price;
+use crate::simulator::{Engine, SimulatorConfig};
+use crate::statistics::agreement::{kendall_tau_b, sign_test, spearman};
+use crate::statistics::bootstrap::{Interval, bootstrap};
+use crate::statistics::ranking::top_k_positions;
+use crate::statistics::summary::{mean, quantile};
+use crate::units::prepare::TaskSource;
+use crate::units::trace::{self, Trace};
+
+/// Candidates of one unit of rollouts.
+const CANDIDATES_PER_UNIT: usize = 5;
+
+/// Two trajectories have parted once a component of their observations differs by more than this. Observations of robots
+/// with legs lie between -5 and 5.
+pub const PARTED: f32 = 0.05;
+
+/// What a cross-check found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Crosscheck {
+    /// The robot.
+    pub robot: String,
+    /// Contexts that all engines share.
+    pub contexts: usize,
+    /// Numbers of the candidates, in the order of all lists below.
+    pub candidates: Vec<usize>,
+    /// The engines; the first is the run's own.
+    pub engines: Vec<EngineScores>,
+    /// Each two engines.
+    pub pairs: Vec<Pair>,
+    /// Numbers of the `K` candidates with the best worst score over all engines, best first.
+    pub robust: Vec<usize>,
+    /// Their worst scores.
+    pub robust_scores: Vec<f64>,
+}
+
+/// The candidates on one engine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EngineScores {
+    /// Which.
+    pub engine: Engine,
+    /// Whether it began in the very states of the run's own engine. Where states cannot be set, it reached starts of its own by
+    /// the same seeds and random actions: then pairs share the task alone, and differences hold that of the starts too.
+    pub same_starts: bool,
+    /// Each candidate's mean return over the contexts.
+    pub scores: Vec<f64>,
+    /// Share of rollouts that failed; they count with the run's reward floor.
+    pub failures: f64,
+    /// Numbers of the `K` best candidates, best first.
+    pub best: Vec<usize>,
+}
+
+/// Two engines, by their positions in [`Crosscheck::engines`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pair {
+    /// One.
+    pub first: usize,
+    /// The other.
+    pub second: usize,
+    /// Kendall's τ-b of the scores, with a bootstrap interval over contexts; `None` where one engine scores all alike.
+    pub kendall: Option<Interval>,
+    /// Spearman's ρ of the scores.
+    pub spearman: Option<Interval>,
+    /// How many of the `K` best are the same.
+    pub shared_best: usize,
+    /// Each candidate's mean return on the second less that on the first, and the sign test's probability of it.
+    pub differences: Vec<Difference>,
+    /// Control steps until the trajectories of the first engine's best options part: quartiles over options and contexts.
+    /// The horizon where they do not.
+    pub parted_after: [f64; 3],
+}
+
+/// One candidate on two engines.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Difference {
+    /// Mean over contexts.
+    pub mean: f64,
+    /// Two-sided probability that a fair coin would split the contexts' signs so unevenly.
+    pub sign_test: f64,
+}
+
+/// One engine's rollouts: a return for each candidate and context, and what the chosen options saw.
+struct Measured {
+    engine: Engine,
+    same_starts: bool,
+    returns: Vec<Vec<f64>>,
+    failures: f64,
+    seen: Vec<trace::Seen>,
+}
+
+/// Measures all candidates of a finished run in `contexts` of its held-out contexts, on its own engine and on `others`.
+///
+/// Costs candidates · contexts · T control steps an engine, less what the run directory holds already.
+///
+/// # Errors
+/// See [`RunError`]; also another robot, or fewer than two candidates.
+pub fn crosscheck(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    others: &[Box<dyn SimulatorConfig>],
+    contexts: usize,
+) -> Result<Crosscheck, RunError> {
+    let experiments: Vec<Experiment> = std::iter::once(&run.experiment.simulator)
+        .chain(others)
+        .map(|simulator| Experiment { simulator: duplicate(simulator), ..duplicate(run.experiment) })
+        .collect();
+    let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
+    let own = run.prepare_contexts(Split::Report, contexts, &tasks)?;
+    let set_size = run.experiment.discover.set_size;
+
+    let mut measured: Vec<Measured> = Vec::new();
+    let mut best = Vec::new();
+    for experiment in &experiments {
+        let there = Run::new(experiment, run.crew)?;
+        if let Some(difference) = run.spec.interface().difference(&there.spec.interface()) {
+            let Engine { name, version } = experiment.simulator.engine();
+            return Err(RunError::Config(format!("the options do not fit {name} {version}: {difference}")));
+        }
+        let same_starts = there.spec.capabilities.settable_state;
+        let starts = if same_starts {
+            own.clone()
+        } else {
+            there.prepare_contexts(Split::Report, contexts, &tasks)?
+        };
+        let (returns, failures) = returns(&there, discovery, &starts)?;
+        if measured.is_empty() {
+            best = top_k_positions(&scores(&returns)?, set_size);
+        }
+        let seen = traces(&there, discovery, &starts, &best)?;
+        let engine = experiment.simulator.engine();
+        measured.push(Measured { engine, same_starts, returns, failures, seen });
+    }
+    compared(run, discovery, &measured, own.count)
+}
+
+/// Each candidate's return in each context, and the share of failed rollouts.
+fn returns(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    contexts: &ContextSet,
+) -> Result<(Vec<Vec<f64>>, f64), RunError> {
+    let groups: Vec<Vec<Performer>> = discovery
+        .candidates
+        .chunks(CANDIDATES_PER_UNIT)
+        .map(|group| group.iter().map(Performer::candidate).collect())
+        .collect();
+    let stage = format!("rollouts on {}", run.experiment.simulator.engine().name);
+    let rollouts = run.evaluate(&stage, &groups, contexts, 0..contexts.keys.len())?;
+    let count = rollouts.iter().map(Vec::len).sum::<usize>().max(1) as f64;
+    let failed = rollouts.iter().flatten().filter(|rollout| !rollout.ending.is_valid()).count() as f64;
+    let value = |(rollout, prices): (&crate::rollout::Rollout, &Vec<f64>)| {
+        if rollout.ending.is_valid() { price(&rollout.term_sums, prices) } else { run.return_floor() }
+    };
+    let returns = rollouts.iter().map(|row| row.iter().zip(&contexts.prices).map(value).collect()).collect();
+    Ok((returns, failed / count))
+}
+
+/// What the options at `positions` see in each context of the first block.
+fn traces(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    contexts: &ContextSet,
+    positions: &[usize],
+) -> Result<Vec<trace::Seen>, RunError> {
+    let mut inputs = vec![contexts.keys[0]];
+    let subjects =
+        positions.iter().map(|id| Performer::candidate(&discovery.candidates[*id]).subject(&mut inputs));
+    let subjects = subjects.collect();
+    let work = Trace {
+        simulator: duplicate(&run.experiment.simulator),
+        subjects,
+        horizon: run.experiment.discover.horizon(),
+        seed: run.seed.child("trace"),
+    };
+    let keys = run.crew.complete("trajectories", &[Unit { work: work.into(), inputs }])?;
+    Ok(trace::decode(&run.crew.result(&keys[0])?)?)
+}
+
+fn scores(returns: &[Vec<f64>]) -> Result<Vec<f64>, RunError> {
+    returns.iter().map(|row| mean(row).map_err(statistics)).collect()
+}
+
+fn compared(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    measured: &[Measured],
+    contexts: usize,
+) -> Result<Crosscheck, RunError> {
+    let set_size = run.experiment.discover.set_size;
+    let numbers: Vec<usize> = discovery.candidates.iter().map(|candidate| candidate.number).collect();
+    let named = |positions: &[usize]| positions.iter().map(|id| numbers[*id]).collect::<Vec<_>>();
+    let scores: Vec<Vec<f64>> = measured.iter().map(|m| scores(&m.returns)).collect::<Result<_, _>>()?;
+    let engines = measured.iter().zip(&scores).map(|(m, scores)| EngineScores {
+        engine: m.engine.clone(),
+        same_starts: m.same_starts,
+        scores: scores.clone(),
+        failures: m.failures,
+        best: named(&top_k_positions(scores, set_size)),
+    });
+    let engines: Vec<EngineScores> = engines.collect();
+    let mut pairs = Vec::new();
+    for second in 0..measured.len() {
+        for first in 0..second {
+            pairs.push(pair(run, measured, (first, second), &engines)?);
+        }
+    }
+    let worst: Vec<f64> = (0..numbers.len())
+        .map(|id| scores.iter().map(|scores| scores[id]).fold(f64::INFINITY, f64::min))
+        .collect();
+    let robust = top_k_positions(&worst, set_size);
+    Ok(Crosscheck {
+        robot: run.spec.robot.clone(),
+        contexts,
+        engines,
+        pairs,
+        robust: named(&robust),
+        robust_scores: robust.iter().map(|id| worst[*id]).collect(),
+        candidates: numbers,
+    })
+}
+
+fn pair(
+    run: &Run<'_>,
+    measured: &[Measured],
+    (first, second): (usize, usize),
+    engines: &[EngineScores],
+) -> Result<Pair, RunError> {
+    let (a, b) = (&measured[first], &measured[second]);
+    let plan = &run.experiment.report;
+    let contexts = a.returns.first().map_or(0, Vec::len);
+    let resampled = |measured: &Measured, indices: &[usize]| -> Vec<f64> {
+        let average = |row: &Vec<f64>| indices.iter().map(|j| row[*j]).sum::<f64>() / indices.len() as f64;
+        measured.returns.iter().map(average).collect()
+    };
+    let interval = |statistic: fn(&[f64], &[f64]) -> Option<f64>, name: &str| {
+        statistic(&engines[first].scores, &engines[second].scores)?;
+        let mut stream = run.seed.child("crosscheck").child(name).stream();
+        let of =
+            |indices: &[usize]| statistic(&resampled(a, indices), &resampled(b, indices)).unwrap_or_default();
+        bootstrap(contexts, plan.bootstrap_draws, plan.confidence, &mut stream, of).ok()
+    };
+    let differences = a.returns.iter().zip(&b.returns).map(|(a, b)| {
+        let differences: Vec<f64> = a.iter().zip(b).map(|(a, b)| b - a).collect();
+        let count = |sign: f64| differences.iter().filter(|d| **d * sign > 0.0).count() as u64;
+        Difference {
+            mean: differences.iter().sum::<f64>() / differences.len() as f64,
+            sign_test: sign_test(count(1.0), count(-1.0)),
+        }
+    });
+    let parted: Vec<f64> =
+        a.seen.iter().zip(&b.seen).map(|(a, b)| parted_after(a, b, run.spec.observation_size)).collect();
+    let quartile = |share: f64| quantile(&parted, share).map_err(statistics);
+    Ok(Pair {
+        first,
+        second,
+        kendall: interval(kendall_tau_b, "kendall"),
+        spearman: interval(spearman, "spearman"),
+        shared_best: engines[first].best.iter().filter(|n| engines[second].best.contains(n)).count(),
+        differences: differences.collect(),
+        parted_after: [quartile(0.25)?, quartile(0.5)?, quartile(0.75)?],
+    })
+}
+
+/// The first control step whose observations differ by more than [`PARTED`], or at which only one goes on.
+fn parted_after(a: &[f32], b: &[f32], size: usize) -> f64 {
+    let steps = a.chunks_exact(size).zip(b.chunks_exact(size));
+    let apart = |(a, b): (&[f32], &[f32])| a.iter().zip(b).any(|(a, b)| (a - b).abs() > PARTED);
+    let common = a.len().min(b.len()) / size;
+    steps.into_iter().position(apart).unwrap_or(common) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trajectories_part_where_they_differ_or_one_ends() {
+        let (a, b) = ([0.0, 0.0, 1.0, 1.0, 2.0, 2.0], [0.0, 0.01, 1.0, 1.04, 2.0, 2.06]);
+        assert_eq!(parted_after(&a, &b, 2), 2.0);
+        assert_eq!(parted_after(&a, &a, 2), 3.0);
+        assert_eq!(parted_after(&a[..4], &a, 2), 2.0);
+    }
+}
