@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
 use elo_core::crosscheck::Crosscheck;
 use elo_tests::programs::{self, Ran, elo_with, run, write};
@@ -33,7 +33,10 @@ fn finished() -> &'static Path {
     out
 }
 
+/// One at a time: a run directory has one process.
 fn crosscheck(arguments: &[&str]) -> Ran {
+    static TURN: Mutex<()> = Mutex::new(());
+    let _turn = TURN.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let mut command = elo_with(&["crosscheck"]);
     run(command.arg(finished()).args(arguments))
 }
