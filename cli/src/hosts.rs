@@ -4,6 +4,7 @@ use std::io;
 use std::process::Command;
 
 use elo_core::crew::Hosts;
+use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
 use elo_core::simulator::WorkerProgram;
 use elo_core::worker::{WorkerFault, WorkerProcess};
@@ -35,6 +36,11 @@ pub fn remedy(program: &WorkerProgram) -> &'static str {
 const STEP_SECONDS: &str = "ELO_STEP_SECONDS";
 
 impl Programs {
+    /// As the experiment's `[workers]` says.
+    pub fn of(experiment: &Experiment) -> Self {
+        Self { workers: experiment.workers.clone() }
+    }
+
     /// What starts `program`, or what to do where it is not there.
     pub fn find(&self, program: &WorkerProgram) -> Result<Command, String> {
         match program {

@@ -68,7 +68,7 @@ fn checked(
 fn describe(experiment: &mut Experiment, faults: &mut Faults) {
     let simulator = &experiment.simulator;
     let Some(program) = simulator.worker().filter(|_| simulator.needs_description()) else { return };
-    let programs = Programs { workers: experiment.workers.clone() };
+    let programs = Programs::of(experiment);
     let mut worker = match programs.start(&program) {
         Ok(worker) => worker,
         Err(fault) => return faults.add("workers.python", format!("{fault}{}", remedy(&program))),
@@ -81,7 +81,8 @@ fn describe(experiment: &mut Experiment, faults: &mut Faults) {
     }
 }
 
-fn read_text(path: &Path) -> Result<String, Exit> {
+/// The text of a config file, which must be a regular file of a sensible size.
+pub fn read_text(path: &Path) -> Result<String, Exit> {
     let cannot = |why: String| Exit::BadInput(format!("cannot read the config {}: {why}", path.display()));
     let metadata = std::fs::metadata(path).map_err(|error| cannot(error.to_string()))?;
     if !metadata.is_file() {

@@ -4,11 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::context::Split;
 use crate::crew::{RunError, Unit};
-use crate::discover::{ContextSet, Discovery, Run, duplicate};
+use crate::discover::{CANDIDATES_PER_UNIT, ContextSet, Discovery, Run, duplicate, value};
 use crate::experiment::Experiment;
 use crate::performer::Performer;
 use crate::report::statistics;
-use crate::rollout::price;
+use crate::rollout::Rollout;
 use crate::simulator::{Engine, SimulatorConfig};
 use crate::statistics::agreement::{kendall_tau_b, sign_test, spearman};
 use crate::statistics::bootstrap::{Interval, bootstrap};
@@ -16,9 +16,6 @@ use crate::statistics::ranking::top_k_positions;
 use crate::statistics::summary::{mean, quantile};
 use crate::units::prepare::TaskSource;
 use crate::units::trace::{self, Trace};
-
-/// Candidates of one unit of rollouts.
-const CANDIDATES_PER_UNIT: usize = 5;
 
 /// Two trajectories have parted once a component of their observations differs by more than this. Observations of robots
 /// with legs lie between -5 and 5.
@@ -161,10 +158,14 @@ fn returns(
     let rollouts = run.evaluate(&stage, &groups, contexts, 0..contexts.keys.len())?;
     let count = rollouts.iter().map(Vec::len).sum::<usize>().max(1) as f64;
     let failed = rollouts.iter().flatten().filter(|rollout| !rollout.ending.is_valid()).count() as f64;
-    let value = |(rollout, prices): (&crate::rollout::Rollout, &Vec<f64>)| {
-        if rollout.ending.is_valid() { price(&rollout.term_sums, prices) } else { run.return_floor() }
+    let floor = run.return_floor();
+    let priced = |row: &Vec<Rollout>| {
+        row.iter()
+            .zip(&contexts.prices)
+            .map(|(rollout, prices)| value(rollout, prices).unwrap_or(floor))
+            .collect()
     };
-    let returns = rollouts.iter().map(|row| row.iter().zip(&contexts.prices).map(value).collect()).collect();
+    let returns = rollouts.iter().map(priced).collect();
     Ok((returns, failed / count))
 }
 

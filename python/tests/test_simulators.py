@@ -117,7 +117,14 @@ def test_no_python_is_told(discover: Discover, tmp_path: Path) -> None:
         assert ran.returncode == 2 and "pip install ./python" in ran.stderr, ran.stderr
 
 
-@pytest.mark.parametrize("how", ["raises", "exits", "aborts", "segfaults", "hangs", "sleeps"])
+def test_raising_once_ends_nothing(discover: Discover, tmp_path: Path) -> None:
+    """What raises is not tried again: the rollout, or the episode of training, is counted as failed."""
+    marker = tmp_path / "marker"
+    ran = discover(wrong("raises", marker, 0.52))
+    assert ran.returncode == 0 and marker.exists(), ran.stderr
+
+
+@pytest.mark.parametrize("how", ["exits", "aborts", "segfaults", "hangs", "sleeps"])
 def test_a_fault_that_passes_changes_no_byte(discover: Discover, tmp_path: Path, how: str) -> None:
     """The environment goes wrong once, in the middle of the run; its unit is done again with the same seeds."""
     marker = tmp_path / "marker"
@@ -128,8 +135,6 @@ def test_a_fault_that_passes_changes_no_byte(discover: Discover, tmp_path: Path,
     assert marker.exists()
     again = discover(wrong(how, marker, 0.52), workers=limits, out="undisturbed")
     assert again.returncode == 0, again.stderr
-    if how == "raises":
-        return
     assert "tried again" in ran.stderr or "ended" in ran.stderr, ran.stderr
     assert same(tmp_path / "run" / "results", tmp_path / "undisturbed" / "results")
 

@@ -50,7 +50,7 @@ pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         Staff { workers: workers(arguments.workers)?, formats: formats(plugins), program: fingerprint() };
     // Which interpreter works may be said by any of the configs.
     let hosts = others.iter().chain([&experiment]).find(|e| e.simulator.needs_description());
-    let programs = Programs { workers: hosts.unwrap_or(&experiment).workers.clone() };
+    let programs = Programs::of(hosts.unwrap_or(&experiment));
     let crew = Crew::new(staff, &run_dir, &programs, &progress, &stop);
     let discovery = discover(&experiment, &crew)?;
     let simulators: Vec<_> = others.into_iter().map(|other| other.simulator).collect();
@@ -69,8 +69,7 @@ fn other(config: &Path, simulator: &str, plugins: &[&[Plugin]]) -> Result<Experi
     }
     let cannot = |why: String| Exit::BadInput(format!("--simulator {simulator}: {why}"));
     let read = |path: &Path| -> Result<Table, Exit> {
-        let text = std::fs::read_to_string(path).map_err(|error| cannot(error.to_string()))?;
-        text.parse().map_err(|error: toml::de::Error| cannot(error.to_string()))
+        load::read_text(path)?.parse().map_err(|error: toml::de::Error| cannot(error.to_string()))
     };
     let (mut whole, mut given) = (read(config)?, read(path)?);
     let table = given.remove("simulator").ok_or_else(|| cannot("it has no table [simulator]".to_owned()))?;

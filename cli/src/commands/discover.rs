@@ -38,7 +38,7 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
     let staff = Staff { workers, formats: formats(plugins), program: fingerprint() };
-    let programs = Programs { workers: experiment.workers.clone() };
+    let programs = Programs::of(&experiment);
     let crew = Crew::new(staff, &run_dir, &programs, &progress, &stop);
 
     let resolved = config::show(&experiment).map_err(|error| Exit::Failed(error.to_string()))?;
@@ -62,10 +62,7 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
 /// Refuses to begin what a missing engine would stop later.
 pub fn ready_to_run(experiment: &Experiment) -> Result<(), Exit> {
     match experiment.simulator.worker() {
-        Some(program) => Programs { workers: experiment.workers.clone() }
-            .find(&program)
-            .map(|_| ())
-            .map_err(Exit::BadInput),
+        Some(program) => Programs::of(experiment).find(&program).map(|_| ()).map_err(Exit::BadInput),
         None => experiment.simulator.build().map(|_| ()).map_err(|error| Exit::BadInput(error.to_string())),
     }
 }

@@ -38,7 +38,7 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
     let progress = Progress::new();
     let staff = Staff { workers: workers(arguments.workers)?, formats, program: fingerprint() };
-    let programs = Programs { workers: experiment.workers.clone() };
+    let programs = Programs::of(&experiment);
     let crew = Crew::new(staff, &run_dir, &programs, &progress, &stop);
     let evaluation = evaluate(&Run::new(&experiment, &crew)?, &set)?;
     if arguments.json {

@@ -87,11 +87,7 @@ fn seconds_per_step(experiment: &Experiment) -> Result<f64, String> {
     let inputs = [prepare::encode(&(0..10).map(start).collect::<Vec<_>>())];
     let mut here = Site::new(Vec::new());
     let mut worker = match experiment.simulator.worker() {
-        Some(program) => Some(
-            Programs { workers: experiment.workers.clone() }
-                .start(&program)
-                .map_err(|fault| fault.to_string())?,
-        ),
+        Some(program) => Some(Programs::of(experiment).start(&program).map_err(|fault| fault.to_string())?),
         None => None,
     };
     let job = serde_json::to_vec(&work).expect("descriptions are plain data");
