@@ -1,4 +1,4 @@
-//! Physics engines behind `elo-core`'s `Simulator`.
+//! Physics engines behind `elo-core`'s `Simulator`, and whatever users write in Python.
 //!
 //! Adding a backend: a folder with a config and an implementation (for robots with legs, implement
 //! [`locomotion::body::ArticulatedBody`] and the observation, reward and reset come with it), its `mod` line below and its
@@ -12,7 +12,7 @@ pub mod python;
 #[cfg(feature = "rapier")]
 pub mod rapier;
 
-/// The simulators of this crate.
+/// The simulators of this crate, and what else is written in Python.
 pub const PLUGINS: &[Plugin] = &[
     Plugin::simulator::<mujoco::MujocoConfig>(
         "mujoco",
@@ -22,6 +22,12 @@ pub const PLUGINS: &[Plugin] = &[
         "python",
         "an environment in Python with Gymnasium's interface",
     ),
+    Plugin::simulator::<python::PythonBodyConfig>(
+        "python_body",
+        "robots with legs in a physics engine in Python",
+    ),
+    Plugin::teacher::<python::PythonTeacherConfig>("python", "policies that a callable in Python gives"),
+    Plugin::metric::<python::PythonMetricConfig>("python", "a function in Python that scores arrays of returns"),
     #[cfg(feature = "rapier")]
     Plugin::simulator::<rapier::RapierConfig>(
         "rapier",

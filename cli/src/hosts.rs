@@ -6,7 +6,7 @@ use std::process::Command;
 use elo_core::crew::Hosts;
 use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
-use elo_core::simulator::WorkerProgram;
+use elo_core::hosted::WorkerProgram;
 use elo_core::worker::{WorkerFault, WorkerProcess};
 use elo_core::workers::Workers;
 

@@ -1,16 +1,17 @@
 //! Reading an experiment: file, overrides, files that it refers to, and every fault at once.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use elo_core::config::{self, ConfigError};
 use elo_core::crew::Hosts as _;
-use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
 use elo_core::fault::Faults;
+use elo_core::hosted::WorkerProgram;
 use elo_core::plugin::Plugin;
 use elo_core::policy::Unwatched;
 use elo_core::units::Work;
-use elo_core::units::describe::Describe;
+use elo_core::worker::WorkerProcess;
 
 use crate::exit::Exit;
 use crate::hosts::{Programs, remedy};
@@ -51,6 +52,7 @@ fn checked(
     let mut faults = Faults::new();
     reading.config.workers.resolve(folder);
     faults.within("simulator", |faults| reading.config.simulator.embed_files(folder, faults));
+    faults.within("teacher", |faults| reading.config.teacher.embed_files(folder, faults));
     if faults.found().is_empty() {
         describe(&mut reading.config, &mut faults);
     }
@@ -64,20 +66,38 @@ fn checked(
     }
 }
 
-/// Has a worker say what the simulator is, where only it knows.
+/// Has workers say what those plugins are that only their worker knows.
 fn describe(experiment: &mut Experiment, faults: &mut Faults) {
-    let simulator = &experiment.simulator;
-    let Some(program) = simulator.worker().filter(|_| simulator.needs_description()) else { return };
     let programs = Programs::of(experiment);
-    let mut worker = match programs.start(&program) {
-        Ok(worker) => worker,
-        Err(fault) => return faults.add("workers.python", format!("{fault}{}", remedy(&program))),
-    };
-    let work = Work::from(Describe { simulator: duplicate(simulator) });
-    let job = serde_json::to_vec(&work).expect("descriptions are plain data");
-    let described = worker.run(&job, &[], &mut Unwatched).map_err(|fault| fault.to_string());
-    if let Err(why) = described.and_then(|bytes| experiment.simulator.accept_description(&bytes)) {
-        faults.add("simulator", why);
+    let mut workers: Vec<(WorkerProgram, WorkerProcess)> = Vec::new();
+    let mut said = BTreeMap::new();
+    for (path, plugin) in experiment.describable() {
+        let Some(hosted) = plugin.hosted().filter(|hosted| hosted.needs_description()) else { continue };
+        let program = hosted.worker();
+        if workers.iter().all(|(started, _)| *started != program) {
+            match programs.start(&program) {
+                Ok(worker) => workers.push((program, worker)),
+                Err(fault) => return faults.add("workers.python", format!("{fault}{}", remedy(&program))),
+            }
+        }
+        let worker = workers.iter_mut().find(|(started, _)| *started == program);
+        let (_, worker) = worker.expect("it was started above");
+        let job = serde_json::to_vec(&Work::from(plugin)).expect("descriptions are plain data");
+        match worker.run(&job, &[], &mut Unwatched) {
+            Ok(bytes) => drop(said.insert(path, bytes)),
+            Err(fault) => {
+                let usable = fault.leaves_worker_usable();
+                faults.add(&path, fault.to_string());
+                if !usable {
+                    return;
+                }
+            }
+        }
+    }
+    for (path, hosted) in experiment.hosted_mut() {
+        if let Some(Err(why)) = said.get(&path).map(|bytes| hosted.accept_description(bytes)) {
+            faults.add(&path, why);
+        }
     }
 }
 

@@ -13,6 +13,11 @@ pub trait Agent {
 
     /// Writes the action for `observation`.
     fn act(&mut self, observation: &[f32], noise: &mut Stream, action: &mut [f32]);
+
+    /// Why the last action was not finite, see [`TeacherPolicy::trouble`].
+    fn trouble(&mut self) -> Option<String> {
+        None
+    }
 }
 
 /// Draws every action uniformly between the spec's bounds.
@@ -58,6 +63,10 @@ pub struct Taught<'a> {
 impl Agent for Taught<'_> {
     fn act(&mut self, observation: &[f32], noise: &mut Stream, action: &mut [f32]) {
         self.policy.act(observation, self.sampling.then_some(noise), action);
+    }
+
+    fn trouble(&mut self) -> Option<String> {
+        self.policy.trouble()
     }
 }
 

@@ -10,7 +10,7 @@ use crate::key::{Key, Stage};
 use crate::policy::{Monitor, PolicyFormat, Stopped};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::seed::Seed;
-use crate::simulator::{SimulatorConfig, WorkerProgram};
+use crate::hosted::WorkerProgram;
 use crate::units::codec::Malformed;
 use crate::units::{Site, Work, WorkError};
 use crate::worker::{WorkerFault, WorkerProcess};
@@ -253,8 +253,7 @@ impl Shift<'_> {
     fn do_one(&self, index: usize, unit: &Unit, key: &Key, site: &mut Site) -> Result<(), RunError> {
         let inputs = unit.inputs.iter().map(|key| self.crew.result(key)).collect::<Result<Vec<_>, _>>()?;
         let mut monitor = UnitMonitor { shift: self, index, key, trouble: None };
-        let worker = unit.work.simulator().and_then(SimulatorConfig::worker);
-        let done = match worker {
+        let done = match unit.work.worker() {
             None => unit.work.perform(&inputs, site, &mut monitor),
             Some(program) => self.send(&program, unit, &inputs, &mut monitor),
         };

@@ -338,6 +338,7 @@ impl<'a> Run<'a> {
 
     fn scoring(&self, teacher_mean: f64) -> Scoring<'_> {
         Scoring {
+            judge: self,
             set_size: self.experiment.discover.set_size,
             metrics: &self.experiment.metrics,
             scaling: &self.experiment.returns,

@@ -4,7 +4,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::context::InitialStates;
+use crate::discover::duplicate;
 use crate::fault::Faults;
+use crate::hosted::Hosted;
 use crate::metric::Metric;
 use crate::policy::{OptionLearner, TeacherConfig};
 use crate::returns::{FailureRule, ReturnScaling};
@@ -12,6 +14,7 @@ use crate::rollout::Horizon;
 use crate::select::Selector;
 use crate::simulator::SimulatorConfig;
 use crate::task::TaskDistribution;
+use crate::units::describe::Describe;
 use crate::workers::Workers;
 
 /// One run: from a simulator and a task family to selected option sets.
@@ -199,6 +202,25 @@ impl Experiment {
             Err(_) if told => {}
             Err(error) => faults.add("simulator", error.to_string()),
         }
+    }
+
+    /// Every plugin, with the path of its table: those whose code may run in workers.
+    pub fn describable(&self) -> Vec<(String, Describe)> {
+        let metrics = self.metrics.iter().enumerate();
+        let metrics = metrics.map(|(i, metric)| (format!("metrics[{i}]"), Describe::Metric(duplicate(metric))));
+        let simulator = ("simulator".to_owned(), Describe::Simulator(duplicate(&self.simulator)));
+        let teacher = ("teacher".to_owned(), Describe::Teacher(duplicate(&self.teacher)));
+        [simulator, teacher].into_iter().chain(metrics).collect()
+    }
+
+    /// The plugins whose code runs in workers, in the order and with the paths of [`Self::describable`].
+    pub fn hosted_mut(&mut self) -> Vec<(String, &mut dyn Hosted)> {
+        let metrics = self.metrics.iter_mut().enumerate();
+        let metrics = metrics.map(|(i, metric)| (format!("metrics[{i}]"), metric.hosted_mut()));
+        let simulator = ("simulator".to_owned(), self.simulator.hosted_mut());
+        let teacher = ("teacher".to_owned(), self.teacher.hosted_mut());
+        let all = [simulator, teacher].into_iter().chain(metrics);
+        all.filter_map(|(path, hosted)| hosted.map(|hosted| (path, hosted))).collect()
     }
 
     fn validate_metrics(&self, faults: &mut Faults) {

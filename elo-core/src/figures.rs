@@ -2,15 +2,19 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::crew::RunError;
 use crate::discover::value;
 use crate::experiment::ReportPlan;
+use crate::judge::Judge;
 use crate::metric::{Metric, Reference};
+use crate::report::statistics;
 use crate::returns::Scale;
 use crate::rollout::{Ending, Rollout};
 use crate::seed::{Seed, Stream};
 use crate::statistics::StatisticsError;
-use crate::statistics::bootstrap::{Interval, bootstrap, bootstrap_mean, paired_difference};
+use crate::statistics::bootstrap::{Interval, bootstrap, bootstrap_mean, interval_of, paired_difference};
 use crate::statistics::summary::interquartile_mean;
+use crate::units::score::Score;
 
 /// Figures of one return distribution.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -138,20 +142,27 @@ impl Yardstick<'_> {
     /// Eq. 4.4: the mean over a set's options of `ψ`.
     ///
     /// # Errors
-    /// Fewer than two contexts, or a score that is not finite.
-    pub fn score(&self, metric: &dyn Metric, sample: &Sample) -> Result<Interval, StatisticsError> {
+    /// Fewer than two contexts, a score that is not finite, or whatever keeps the metric from scoring.
+    pub fn score(
+        &self,
+        metric: Box<dyn Metric>,
+        sample: &Sample,
+        judge: &dyn Judge,
+    ) -> Result<Interval, RunError> {
         let members = sample.returns.first().map_or(0, Vec::len);
         let normal: Vec<Vec<f64>> = (0..members)
             .map(|m| sample.returns.iter().map(|values| self.scale.apply(values[m])).collect())
             .collect();
-        let in_contexts = |contexts: &[usize]| {
-            let option = |row: &Vec<f64>| {
-                let drawn: Vec<f64> = contexts.iter().map(|j| row[*j]).collect();
-                metric.score(&drawn, &self.reference)
-            };
-            normal.iter().map(option).sum::<f64>() / normal.len() as f64
+        let score = Score {
+            metric,
+            reference: self.reference,
+            draws: self.plan.bootstrap_draws,
+            seed: self.seed.child(&format!("{} score", sample.name)),
         };
-        self.interval(&format!("{} score", sample.name), sample.returns.len(), in_contexts)
+        let scores = judge.scores(score, &normal)?;
+        let of_set = |scores: &Vec<f64>| scores.iter().sum::<f64>() / scores.len() as f64;
+        let of_sets: Vec<f64> = scores.iter().map(of_set).collect();
+        interval_of(&of_sets, sample.returns.len(), self.plan.confidence).map_err(statistics)
     }
 
     /// The paired difference of two samples' mean returns.
@@ -189,6 +200,7 @@ impl Yardstick<'_> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use crate::judge::Here;
 
     fn rollout(value: f64, ending: Ending) -> Rollout {
         Rollout { term_sums: vec![value, 1.0], length: 10, ending, clamped: 0 }
@@ -215,7 +227,7 @@ mod tests {
         assert!((row.mean.estimate - -0.175).abs() < 1e-12);
         assert_eq!((row.lower_tail.estimate, row.upper_tail.estimate), (0.5, 0.25));
         assert_eq!((row.falls.estimate, row.failures, row.mean_length), (0.25, 0.25, 10.0));
-        let score = yardstick.score(&crate::metric::MaximumMean {}, &sample).unwrap();
+        let score = yardstick.score(Box::new(crate::metric::MaximumMean {}), &sample, &Here).unwrap();
         assert!((score.estimate - row.mean.estimate).abs() < 1e-12);
         let against = yardstick.compare(&sample, &yardstick.sample("one", &[&one], &prices)).unwrap();
         // Differences 2.5 - 1 and -6 - 8.

@@ -16,6 +16,8 @@ pub mod experiment;
 pub mod fault;
 pub mod figures;
 pub mod fingerprint;
+pub mod hosted;
+pub mod judge;
 pub mod key;
 pub mod metric;
 pub mod option_set;

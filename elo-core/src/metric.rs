@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::Faults;
+use crate::hosted::Hosted;
 
 /// `(μ*, σ*)`: mean and standard deviation of the returns of the set that `ψ_μ` selects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,6 +37,25 @@ pub trait Metric: fmt::Debug + Send + Sync {
     fn score(&self, returns: &[f64], reference: &Reference) -> f64 {
         let sum: f64 = returns.iter().map(|value| self.rollout_score(*value, reference)).sum();
         sum / returns.len() as f64
+    }
+
+    /// The scores of many samples of equal size, in order. This is what ranks options; a metric overrides it to see them
+    /// all at once.
+    ///
+    /// # Errors
+    /// Why there are no scores, for metrics whose code can fail.
+    fn scores(&self, samples: &[Vec<f64>], reference: &Reference) -> Result<Vec<f64>, String> {
+        Ok(samples.iter().map(|returns| self.score(returns, reference)).collect())
+    }
+
+    /// Where its code runs, if not in the caller's process.
+    fn hosted(&self) -> Option<&dyn Hosted> {
+        None
+    }
+
+    /// [`Self::hosted`], to be told what its worker says.
+    fn hosted_mut(&mut self) -> Option<&mut dyn Hosted> {
+        None
     }
 }
 

@@ -4,9 +4,11 @@
 //! one object serves all threads.
 
 use std::fmt;
+use std::path::Path;
 
 use crate::context::InitialStates;
 use crate::fault::Faults;
+use crate::hosted::Hosted;
 use crate::seed::{Seed, Stream};
 use crate::simulator::{BuildError, SimulatorConfig};
 use crate::spec::SimulatorSpec;
@@ -17,6 +19,11 @@ use crate::tensors::{TensorError, Tensors};
 pub trait TeacherPolicy: Send + Sync {
     /// Writes the action for `observation`. Without `noise` it is the policy's mean action, with it a sample.
     fn act(&self, observation: &[f32], noise: Option<&mut Stream>, action: &mut [f32]);
+
+    /// Why the last action was not finite, for policies whose code can fail. It is told and forgotten.
+    fn trouble(&self) -> Option<String> {
+        None
+    }
 }
 
 /// `(I_o, π_o, β_o)`: one early-life option.
@@ -62,8 +69,21 @@ pub type PolicyLoader = fn(&Tensors, &SimulatorSpec) -> Result<Box<dyn OptionPol
 /// How teachers are trained: `[teacher]` of a config, by its `kind`.
 #[typetag::serde(tag = "kind")]
 pub trait TeacherConfig: fmt::Debug + Send + Sync {
+    /// Makes what refers to files (relative to `folder`) mean the same everywhere. Called once, before `validate`.
+    fn embed_files(&mut self, _folder: &Path, _faults: &mut Faults) {}
+
     /// Finds every fault of the fields.
     fn validate(&self, faults: &mut Faults);
+
+    /// Where its code runs, if not in the caller's process.
+    fn hosted(&self) -> Option<&dyn Hosted> {
+        None
+    }
+
+    /// [`Self::hosted`], to be told what its worker says.
+    fn hosted_mut(&mut self) -> Option<&mut dyn Hosted> {
+        None
+    }
 
     /// Simulator steps that one training takes, for estimates.
     fn simulator_steps(&self) -> u64;
@@ -75,8 +95,8 @@ pub trait TeacherConfig: fmt::Debug + Send + Sync {
     /// See [`TrainError`].
     fn train(&self, lesson: &Lesson<'_>, monitor: &mut dyn Monitor) -> Result<Trained, TrainError>;
 
-    /// The policy before any training, as [`Self::load`] reads it.
-    fn untrained(&self, spec: &SimulatorSpec, seed: &Seed) -> Tensors;
+    /// The policy before any training, as [`Self::load`] reads it; `None` for teachers that were never without.
+    fn untrained(&self, spec: &SimulatorSpec, seed: &Seed) -> Option<Tensors>;
 
     /// Makes a policy of stored tensors.
     ///

@@ -162,8 +162,7 @@ pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError>
     );
     let sets = (0..discovery.selection.choices.len())
         .map(|index| view.set(index, &options, &baselines))
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(statistics)?;
+        .collect::<Result<Vec<_>, _>>()?;
     let rows = baselines
         .iter()
         .map(|sample| view.yardstick.row(sample))
@@ -238,13 +237,18 @@ fn measure_baselines(
             role: PerformerRole::Teacher(teacher(), t.key),
         })
         .collect();
-    let groups = vec![
-        one("random torque", PerformerRole::Plain(|| Behavior::RandomTorque)),
-        one("zero torque", PerformerRole::Plain(|| Behavior::ZeroTorque)),
-        one("untrained teacher", PerformerRole::Untrained(teacher(), run.seed.child("untrained"))),
-        teachers,
+    let seed = run.seed.child("untrained");
+    let mut groups = vec![
+        ("random torque", one("random torque", PerformerRole::Plain(|| Behavior::RandomTorque))),
+        ("zero torque", one("zero torque", PerformerRole::Plain(|| Behavior::ZeroTorque))),
     ];
-    let names = ["random torque", "zero torque", "untrained teacher", "teachers"].map(str::to_owned).to_vec();
+    if run.experiment.teacher.untrained(&run.spec, &seed).is_some() {
+        let role = PerformerRole::Untrained(teacher(), seed);
+        groups.push(("untrained teacher", one("untrained teacher", role)));
+    }
+    groups.push(("teachers", teachers));
+    let (names, groups): (Vec<&str>, Vec<Vec<Performer>>) = groups.into_iter().unzip();
+    let names = names.into_iter().map(str::to_owned).collect();
     let mut rollouts = run.evaluate("baselines", &groups, contexts, 0..contexts.keys.len())?.into_iter();
     let grouped = groups.iter().map(|group| rollouts.by_ref().take(group.len()).collect()).collect();
     Ok((names, grouped))
@@ -264,9 +268,9 @@ impl View<'_> {
         index: usize,
         options: &BTreeMap<usize, Vec<Rollout>>,
         baselines: &[Sample],
-    ) -> Result<SetReport, StatisticsError> {
+    ) -> Result<SetReport, RunError> {
         let choice = &self.discovery.selection.choices[index];
-        let metric = self.run.experiment.metrics[index].as_ref();
+        let metric = duplicate(&self.run.experiment.metrics[index]);
         let members: Vec<&[Rollout]> = choice.chosen.iter().map(|id| options[id].as_slice()).collect();
         let sample = self.yardstick.sample(&choice.metric, &members, &self.contexts.prices);
         let selection_score = |id: usize| choice.scores[id].unwrap_or(f64::MIN);
@@ -280,14 +284,20 @@ impl View<'_> {
         };
         Ok(SetReport {
             metric: choice.metric.clone(),
-            options: choice.chosen.iter().map(option).collect::<Result<_, StatisticsError>>()?,
-            selection_score: mean(&scores)?,
-            score: self.yardstick.score(metric, &sample)?,
-            row: self.yardstick.row(&sample)?,
+            options: choice
+                .chosen
+                .iter()
+                .map(option)
+                .collect::<Result<_, StatisticsError>>()
+                .map_err(statistics)?,
+            selection_score: mean(&scores).map_err(statistics)?,
+            score: self.yardstick.score(metric, &sample, self.run)?,
+            row: self.yardstick.row(&sample).map_err(statistics)?,
             against: baselines
                 .iter()
                 .map(|b| self.yardstick.compare(&sample, b))
-                .collect::<Result<_, _>>()?,
+                .collect::<Result<_, _>>()
+                .map_err(statistics)?,
         })
     }
 

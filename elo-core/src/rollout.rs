@@ -101,7 +101,7 @@ pub fn watched(
         clamped: 0,
     };
     if let Err(error) = run(simulator, agent, setting, noise, (witness, &mut so_far)) {
-        so_far.ending = Ending::Failed(error.to_string());
+        so_far.ending = Ending::Failed(agent.trouble().unwrap_or_else(|| error.to_string()));
     }
     so_far
 }

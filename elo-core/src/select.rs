@@ -6,9 +6,13 @@ use std::ops::Range;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::discover::duplicate;
 use crate::fault::Faults;
+use crate::judge::Judge;
 use crate::metric::{MaximumMean, Metric, Reference};
 use crate::returns::{FailurePolicy, FailureRule, ReturnScaling, ReturnTable, Scale, reference};
+use crate::seed::Seed;
+use crate::units::score::Score;
 
 /// How candidates are measured and eliminated: `[selector]`, by its `kind`.
 #[typetag::serde(tag = "kind")]
@@ -62,8 +66,10 @@ pub enum SelectError {
 }
 
 /// What selectors rank by.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Scoring<'a> {
+    /// Who asks the metrics.
+    pub judge: &'a dyn Judge,
     /// `K`.
     pub set_size: usize,
     /// The metrics, in the order of the config.
@@ -141,12 +147,17 @@ impl Scoring<'_> {
             .map(|candidate| self.filled(table.row(candidate)))
             .map(|row| row.map(|values| values.iter().map(|value| scale.apply(*value)).collect()))
             .collect();
-        let score = |metric: &dyn Metric, reference: &Reference| -> Vec<Option<f64>> {
-            rows.iter().map(|row| row.as_ref().map(|values| metric.score(values, reference))).collect()
+        let known: Vec<Vec<f64>> = rows.iter().flatten().cloned().collect();
+        let score = |metric, reference: Reference| -> Result<Vec<Option<f64>>, SelectError> {
+            let score = Score { metric, reference, draws: 0, seed: Seed::root(0) };
+            let scores = self.judge.scores(score, &known);
+            let scores = scores.map_err(|error| SelectError::Measure(Box::new(error)))?;
+            let mut scores = scores.into_iter().flatten();
+            Ok(rows.iter().map(|row| row.as_ref().and_then(|_| scores.next())).collect())
         };
 
         let unused = Reference { mean: 0.0, standard_deviation: 0.0 };
-        let best_mean = self.best(&score(&MaximumMean {}, &unused));
+        let best_mean = self.best(&score(Box::new(MaximumMean {}), unused)?);
         let members: Vec<Vec<f64>> = best_mean.iter().filter_map(|id| rows[*id].clone()).collect();
         let reference = reference(&members, self.scaling.set_value);
 
@@ -154,10 +165,10 @@ impl Scoring<'_> {
             .metrics
             .iter()
             .map(|metric| {
-                let scores = score(metric.as_ref(), &reference);
-                Choice { metric: metric.label(), chosen: self.best(&scores), scores }
+                let scores = score(duplicate(metric), reference)?;
+                Ok(Choice { metric: metric.label(), chosen: self.best(&scores), scores })
             })
-            .collect();
+            .collect::<Result<_, SelectError>>()?;
         warnings.extend(choices.iter().flat_map(|choice| self.oddities(choice)));
         Ok(Selection { scale, reference, choices, failure_shares, warnings })
     }
@@ -223,6 +234,7 @@ impl Scoring<'_> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use crate::judge::Here;
     use crate::metric::NegativeTail;
     use crate::returns::Normaliser;
 
@@ -251,6 +263,7 @@ mod tests {
             vec![Box::new(MaximumMean {}), Box::new(NegativeTail { k: 10.0, alpha: 0.5 })];
         let scaling = ReturnScaling { normaliser: Normaliser::None, ..ReturnScaling::default() };
         let scoring = Scoring {
+            judge: &Here,
             set_size,
             metrics: &metrics,
             scaling: &scaling,

@@ -20,6 +20,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::Faults;
+use crate::hosted::Hosted;
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
 
@@ -170,31 +171,14 @@ pub trait SimulatorConfig: fmt::Debug + Send + Sync {
     /// Name and version of the engine: part of the key of everything that is computed with it.
     fn engine(&self) -> Engine;
 
-    /// The program that hosts the engine, where it must not run inside the caller's process.
-    fn worker(&self) -> Option<WorkerProgram> {
+    /// Where its code runs, if not in the caller's process.
+    fn hosted(&self) -> Option<&dyn Hosted> {
         None
     }
 
-    /// Whether only its worker knows what the simulator is. Then the worker is asked once, before `validate`, and
-    /// [`Self::accept_description`] gets what [`Self::describe`] gave there.
-    fn needs_description(&self) -> bool {
-        false
-    }
-
-    /// What a worker says of the simulator.
-    ///
-    /// # Errors
-    /// As [`Self::build`].
-    fn describe(&self) -> Result<Vec<u8>, BuildError> {
-        Ok(Vec::new())
-    }
-
-    /// Takes up what a worker said of the simulator.
-    ///
-    /// # Errors
-    /// A description that makes no sense.
-    fn accept_description(&mut self, _description: &[u8]) -> Result<(), String> {
-        Ok(())
+    /// [`Self::hosted`], to be told what its worker says.
+    fn hosted_mut(&mut self) -> Option<&mut dyn Hosted> {
+        None
     }
 
     /// Makes a simulator in this process.
@@ -202,24 +186,6 @@ pub trait SimulatorConfig: fmt::Debug + Send + Sync {
     /// # Errors
     /// [`BuildError::MissingEngine`] where this program was built without it.
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError>;
-}
-
-/// A program that does units of work in its own process; see [`crate::worker`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WorkerProgram {
-    /// The program of this name that lies beside the caller's own.
-    Beside(&'static str),
-    /// The interpreter of this language that the config's `[workers]` names.
-    Interpreter(&'static str),
-}
-
-impl fmt::Display for WorkerProgram {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Beside(name) => f.write_str(name),
-            Self::Interpreter(language) => write!(f, "the {language} worker"),
-        }
-    }
 }
 
 /// Which engine, exactly.

@@ -45,6 +45,9 @@ pub enum TensorError {
     /// More than a reader is willing to hold.
     #[error("{0} bytes of tensors, more than the {1} allowed")]
     TooLarge(usize, usize),
+    /// What the tensors stand for cannot be made.
+    #[error("{0}")]
+    Unmade(String),
 }
 
 impl Tensors {

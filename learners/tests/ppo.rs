@@ -87,8 +87,9 @@ fn a_teacher_comes_close_to_the_best_controller() {
     assert!(last.mean_return > first.mean_return && last.steps == 60_000, "{first:?} {last:?}");
     assert_eq!(trained.snapshots.len(), 20);
     assert_eq!(trained.snapshots[19].policy, trained.policy);
-    let before = config.load(&config.untrained(&wide().description(), &Seed::root(7)), &wide().description());
-    let before = mean_return(&mut Taught { policy: before.unwrap().as_ref(), sampling: false });
+    let untrained = config.untrained(&wide().description(), &Seed::root(7)).unwrap();
+    let before = config.load(&untrained, &wide().description()).unwrap();
+    let before = mean_return(&mut Taught { policy: before.as_ref(), sampling: false });
     assert!(before < nothing + 0.2 * (best - nothing), "untrained {before}");
 }
 

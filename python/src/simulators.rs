@@ -33,9 +33,9 @@ fn config(text: &str) -> PyResult<Box<dyn SimulatorConfig>> {
     if let Some(fault) = faults.found().first() {
         return Err(refused(fault));
     }
-    if config.needs_description() {
-        let description = config.describe().map_err(refused)?;
-        config.accept_description(&description).map_err(refused)?;
+    if let Some(hosted) = config.hosted_mut().filter(|hosted| hosted.needs_description()) {
+        let description = hosted.describe().map_err(refused)?;
+        hosted.accept_description(&description).map_err(refused)?;
     }
     Ok(config)
 }

@@ -12,7 +12,7 @@ use elo_core::policy::PolicyFormat;
 use elo_core::report::{Report, report};
 use elo_core::results;
 use elo_core::run_dir::RunDir;
-use elo_core::simulator::WorkerProgram;
+use elo_core::hosted::WorkerProgram;
 use elo_core::worker::{WorkerFault, WorkerProcess};
 
 use crate::PLUGINS;

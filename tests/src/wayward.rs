@@ -8,8 +8,9 @@ use elo_core::fault::Faults;
 use elo_core::plugin::Plugin;
 use elo_core::policy::{Demonstration, OptionLearner, OptionPolicy, PolicyFormat, PolicyRecord};
 use elo_core::seed::{Seed, Stream};
+use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::simulator::{
-    BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State, WorkerProgram,
+    BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
 };
 use elo_core::spec::SimulatorSpec;
 use elo_core::task::Task;
@@ -88,13 +89,19 @@ impl SimulatorConfig for WaywardConfig {
         Engine { name: "wayward".to_owned(), version: ENGINE_VERSION.load(Ordering::SeqCst).to_string() }
     }
 
-    fn worker(&self) -> Option<WorkerProgram> {
-        (self.dies != Dies::Never).then_some(WorkerProgram::Beside("elo-wayward-worker"))
+    fn hosted(&self) -> Option<&dyn Hosted> {
+        (self.dies != Dies::Never).then_some(self as &dyn Hosted)
     }
 
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
         let inner = self.point_mass().build()?;
         Ok(Box::new(Wayward { config: self.clone(), inner, fragile: false, not_a_number: false }))
+    }
+}
+
+impl Hosted for WaywardConfig {
+    fn worker(&self) -> WorkerProgram {
+        WorkerProgram::Beside("elo-wayward-worker")
     }
 }
 

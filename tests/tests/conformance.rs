@@ -11,6 +11,7 @@ use elo_core::conformance::check::Report;
 use elo_core::conformance::simulator::Tolerance;
 use elo_core::conformance::{metric, option_learner, point_mass::PointMassConfig, simulator, teacher};
 use elo_core::fault::Faults;
+use elo_core::hosted::Hosted;
 use elo_core::metric::Metric;
 use elo_core::plugin::{Plugin, Role};
 use elo_core::policy::{OptionLearner, TeacherConfig};
@@ -91,7 +92,7 @@ fn every_simulator_conforms_with_every_robot() {
         let robots: &[&str] = if has_robots { &robot::NAMES } else { &[""] };
         for robot in robots {
             let config: Box<dyn SimulatorConfig> = config(plugin, &json!({ "robot": robot }));
-            if config.needs_description() {
+            if config.hosted().is_some_and(Hosted::needs_description) {
                 // What only a worker knows is tried where the worker is: `python/tests/test_simulators.py`.
                 continue;
             }

@@ -37,7 +37,8 @@ fn read(path: &Path, overrides: &[String]) -> Result<Experiment, Vec<Fault>> {
     let folder = path.parent().expect("a file has a folder");
     faults.within("simulator", |faults| reading.config.simulator.embed_files(folder, faults));
     // What only a worker knows is missing here; `python/tests/test_examples.py` runs those configs whole.
-    if !reading.config.simulator.needs_description() {
+    let mut hosted = reading.config.hosted_mut().into_iter();
+    if !hosted.any(|(_, hosted)| hosted.needs_description()) {
         reading.config.validate(&mut faults);
     }
     if faults.found().is_empty() { Ok(reading.config) } else { Err(faults.into_found()) }

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use elo_core::fault::Faults;
-use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig, WorkerProgram};
+use elo_core::hosted::{Hosted, WorkerProgram};
+use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
 use elo_core::spec::SimulatorSpec;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,8 +63,8 @@ impl SimulatorConfig for MujocoConfig {
         Engine { name: "mujoco".to_owned(), version: Self::VERSION.to_owned() }
     }
 
-    fn worker(&self) -> Option<WorkerProgram> {
-        Some(WorkerProgram::Beside("elo-mujoco"))
+    fn hosted(&self) -> Option<&dyn Hosted> {
+        Some(self)
     }
 
     #[cfg(feature = "mujoco")]
@@ -73,7 +74,16 @@ impl SimulatorConfig for MujocoConfig {
         Ok(Box::new(crate::locomotion::simulator::Locomotion::new(model, body)))
     }
 
-    #[cfg(not(feature = "mujoco"))]
+    /// In an interpreter MuJoCo is the package `mujoco`, which takes the same steps.
+    #[cfg(all(feature = "python", not(feature = "mujoco")))]
+    fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
+        let model = self.model()?;
+        let version = [("version".to_owned(), Self::VERSION.into())].into_iter().collect();
+        let body = crate::python::PythonBody::new("elo.bodies:MujocoBody", &version, &model)?;
+        Ok(Box::new(crate::locomotion::simulator::Locomotion::new(model, body)))
+    }
+
+    #[cfg(not(any(feature = "python", feature = "mujoco")))]
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
         self.model()?;
         Err(BuildError::MissingEngine {
@@ -82,6 +92,12 @@ impl SimulatorConfig for MujocoConfig {
                      `tests/set-up`"
                 .to_owned(),
         })
+    }
+}
+
+impl Hosted for MujocoConfig {
+    fn worker(&self) -> WorkerProgram {
+        WorkerProgram::Beside("elo-mujoco")
     }
 }
 
@@ -159,7 +175,7 @@ mod tests {
         }
     }
 
-    #[cfg(not(feature = "mujoco"))]
+    #[cfg(not(any(feature = "python", feature = "mujoco")))]
     #[test]
     fn without_the_engine_the_error_says_what_to_run() {
         let error = MujocoConfig::default().build().err().unwrap();

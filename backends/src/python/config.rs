@@ -1,7 +1,8 @@
 //! What a user says about an environment in Python.
 
 use elo_core::fault::Faults;
-use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig, WorkerProgram};
+use elo_core::hosted::{Hosted, WorkerProgram};
+use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
 use elo_core::spec::{Capabilities, Effect, RewardTerm, SimulatorSpec, TaskParameter, Weight};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -225,23 +226,12 @@ impl SimulatorConfig for PythonConfig {
         Engine { name: "python".to_owned(), version: versions.to_owned() }
     }
 
-    fn worker(&self) -> Option<WorkerProgram> {
-        Some(WorkerProgram::Interpreter("python"))
+    fn hosted(&self) -> Option<&dyn Hosted> {
+        Some(self)
     }
 
-    fn needs_description(&self) -> bool {
-        true
-    }
-
-    fn accept_description(&mut self, description: &[u8]) -> Result<(), String> {
-        let described = serde_json::from_slice(description).map_err(|error| error.to_string())?;
-        self.described = Some(described);
-        Ok(())
-    }
-
-    #[cfg(feature = "python")]
-    fn describe(&self) -> Result<Vec<u8>, BuildError> {
-        super::simulator::describe(self)
+    fn hosted_mut(&mut self) -> Option<&mut dyn Hosted> {
+        Some(self)
     }
 
     #[cfg(feature = "python")]
@@ -251,12 +241,33 @@ impl SimulatorConfig for PythonConfig {
 
     #[cfg(not(feature = "python"))]
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
-        Err(BuildError::MissingEngine {
-            engine: "Python".to_owned(),
-            remedy:
-                "environments in Python run in `python -m elo.worker`; install it with `pip install ./python`"
-                    .to_owned(),
-        })
+        Err(super::missing())
+    }
+}
+
+impl Hosted for PythonConfig {
+    fn worker(&self) -> WorkerProgram {
+        super::WORKER
+    }
+
+    fn needs_description(&self) -> bool {
+        true
+    }
+
+    #[cfg(feature = "python")]
+    fn describe(&self) -> Result<Vec<u8>, BuildError> {
+        super::simulator::describe(self)
+    }
+
+    #[cfg(not(feature = "python"))]
+    fn describe(&self) -> Result<Vec<u8>, BuildError> {
+        Err(super::missing())
+    }
+
+    fn accept_description(&mut self, description: &[u8]) -> Result<(), String> {
+        let described = serde_json::from_slice(description).map_err(|error| error.to_string())?;
+        self.described = Some(described);
+        Ok(())
     }
 }
 

@@ -1,17 +1,69 @@
-//! Environments written in Python, behind Gymnasium's interface.
+//! Code of users in Python: environments behind Gymnasium's interface, engines that move a robot's bodies, teachers and
+//! metrics.
 //!
-//! The config is always compiled. The simulator needs the feature `python` and runs where an interpreter is: in the worker
-//! `python -m elo.worker`, which the package in `python/` brings. There `python/elo/_bridge.py` builds the environment,
-//! checks what it gives and copies it into arrays that this side reads.
+//! The configs are always compiled. What runs needs the feature `python` and an interpreter: the worker
+//! `python -m elo.worker`, which the package in `python/` brings. There the modules `python/elo/_bridge/` find the user's
+//! code, check what it gives and copy it into arrays that this side reads.
 //!
-//! An environment is code of the user's that is executed with the user's rights: name only such as you trust.
+//! All of this is code that is executed with the user's rights: name only such as you trust.
 
+use elo_core::fault::Faults;
+use elo_core::hosted::WorkerProgram;
+use elo_core::simulator::BuildError;
+
+#[cfg(feature = "python")]
+mod body;
+mod body_config;
 mod config;
 #[cfg(feature = "python")]
+mod interpreter;
+mod metric;
+#[cfg(feature = "python")]
+mod policy;
+#[cfg(feature = "python")]
+mod scores;
+#[cfg(feature = "python")]
 mod simulator;
+mod teacher;
 #[cfg(feature = "python")]
 mod watchdog;
 
+#[cfg(feature = "python")]
+pub use body::PythonBody;
+pub use body_config::PythonBodyConfig;
 pub use config::{Described, InfoTerm, ParameterBinding, PythonConfig, PythonParameter, StateMethods};
+pub use metric::PythonMetricConfig;
 #[cfg(feature = "python")]
 pub use simulator::PythonSimulator;
+pub use teacher::PythonTeacherConfig;
+
+/// Where all of it runs.
+const WORKER: WorkerProgram = WorkerProgram::Interpreter("python");
+
+#[cfg(not(feature = "python"))]
+fn missing() -> BuildError {
+    BuildError::MissingEngine {
+        engine: "Python".to_owned(),
+        remedy: "what is written in Python runs in `python -m elo.worker`; install it with `pip install ./python`"
+            .to_owned(),
+    }
+}
+
+fn validate_target(target: &str, faults: &mut Faults) {
+    faults.check(target.contains(':'), "target", || format!("expected `module:callable`, got {target:?}"));
+}
+
+/// What the results of a user's code depend on, in the words of its bridge.
+#[cfg(feature = "python")]
+fn versions(bridge: &str, config: &impl serde::Serialize) -> Result<Vec<u8>, BuildError> {
+    use pyo3::prelude::*;
+    let text = Python::attach(|py| {
+        interpreter::bridge(py, bridge, config)?.call_method0("versions")?.extract::<String>()
+    });
+    text.map(String::into_bytes).map_err(interpreter::refused)
+}
+
+#[cfg(not(feature = "python"))]
+fn versions(_: &str, _: &impl serde::Serialize) -> Result<Vec<u8>, BuildError> {
+    Err(missing())
+}

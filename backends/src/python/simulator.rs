@@ -10,10 +10,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::config::{Described, PythonConfig};
-use super::watchdog::{self, Call};
-
-/// The module of the package that talks to environments.
-const BRIDGE: &str = "elo._bridge";
+use super::interpreter::{array, bridge, refused, told};
+use super::watchdog::Call;
 
 /// See the [module](super).
 pub struct PythonSimulator {
@@ -32,32 +30,11 @@ pub struct PythonSimulator {
 /// What the environment of `config` says of itself, as JSON.
 pub fn describe(config: &PythonConfig) -> Result<Vec<u8>, BuildError> {
     Python::attach(|py| {
-        let described = bridge(py, config)?.call_method0("describe")?;
+        let described = bridge(py, "environment", config)?.call_method0("describe")?;
         described.extract::<String>()
     })
     .map(String::into_bytes)
     .map_err(refused)
-}
-
-fn bridge<'py>(py: Python<'py>, config: &PythonConfig) -> PyResult<Bound<'py, PyAny>> {
-    let text = serde_json::to_string(config).expect("a config is plain data");
-    watchdog::watch();
-    let _call = Call::begin();
-    py.import(BRIDGE)?.getattr("Bridge")?.call1((text,))
-}
-
-fn refused(error: PyErr) -> BuildError {
-    BuildError::Robot(told(&error))
-}
-
-/// An exception with its traceback; those of our own kind are for users and need none.
-fn told(error: &PyErr) -> String {
-    Python::attach(|py| {
-        let formatted = || -> PyResult<String> {
-            py.import(BRIDGE)?.getattr("tell")?.call1((error.value(py),))?.extract()
-        };
-        formatted().unwrap_or_else(|_| error.to_string())
-    })
 }
 
 impl PythonSimulator {
@@ -68,19 +45,11 @@ impl PythonSimulator {
     /// describes.
     pub fn new(config: &PythonConfig) -> Result<Self, BuildError> {
         let made = Python::attach(|py| -> PyResult<_> {
-            let bridge = bridge(py, config)?;
+            let bridge = bridge(py, "environment", config)?;
             let described: String = bridge.call_method0("describe")?.extract()?;
-            let array = |name: &str| bridge.getattr(name)?.cast_into::<PyArray1<f32>>().map_err(PyErr::from);
-            let terms = bridge.getattr("terms")?.cast_into::<PyArray1<f64>>().map_err(PyErr::from)?;
-            let (action, observation) = (array("action")?.unbind(), array("observation")?.unbind());
-            Ok((
-                described,
-                action,
-                observation,
-                terms.unbind(),
-                bridge.getattr("step")?.unbind(),
-                bridge.unbind(),
-            ))
+            let (action, observation) = (array(&bridge, "action")?, array(&bridge, "observation")?);
+            let (terms, step) = (array(&bridge, "terms")?, bridge.getattr("step")?.unbind());
+            Ok((described, action, observation, terms, step, bridge.unbind()))
         });
         let (described, action, observation, terms, step, bridge) = made.map_err(refused)?;
         let described: Described =

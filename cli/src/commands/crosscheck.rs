@@ -7,6 +7,7 @@ use elo_core::crosscheck::crosscheck;
 use elo_core::discover::{Run, discover};
 use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
+use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::plugin::Plugin;
 use elo_core::run_dir::RunDir;
 use toml::{Table, Value};
@@ -49,7 +50,7 @@ pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let staff =
         Staff { workers: workers(arguments.workers)?, formats: formats(plugins), program: fingerprint() };
     // Which interpreter works may be said by any of the configs.
-    let hosts = others.iter().chain([&experiment]).find(|e| e.simulator.needs_description());
+    let hosts = others.iter().chain([&experiment]).find(|e| in_interpreter(e));
     let programs = Programs::of(hosts.unwrap_or(&experiment));
     let crew = Crew::new(staff, &run_dir, &programs, &progress, &stop);
     let discovery = discover(&experiment, &crew)?;
@@ -59,6 +60,11 @@ pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     json.push(b'\n');
     run_dir.write_file("results/crosscheck.json", &json)?;
     if arguments.json { print(&String::from_utf8_lossy(&json)) } else { print(&table::crosscheck(&found)) }
+}
+
+fn in_interpreter(experiment: &Experiment) -> bool {
+    let worker = experiment.simulator.hosted().map(Hosted::worker);
+    matches!(worker, Some(WorkerProgram::Interpreter(_)))
 }
 
 /// The run's experiment on another simulator: a kind, or a TOML file with a `[simulator]` table (and `[workers]`).

@@ -61,8 +61,8 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
 
 /// Refuses to begin what a missing engine would stop later.
 pub fn ready_to_run(experiment: &Experiment) -> Result<(), Exit> {
-    match experiment.simulator.worker() {
-        Some(program) => Programs::of(experiment).find(&program).map(|_| ()).map_err(Exit::BadInput),
+    match experiment.simulator.hosted() {
+        Some(hosted) => Programs::of(experiment).find(&hosted.worker()).map(|_| ()).map_err(Exit::BadInput),
         None => experiment.simulator.build().map(|_| ()).map_err(|error| Exit::BadInput(error.to_string())),
     }
 }

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use elo_core::crew::Hosts as _;
 use elo_core::fingerprint::fingerprint;
+use elo_core::hosted::Hosted;
 use elo_core::plugin::{Plugin, Role};
 use elo_core::simulator::SimulatorConfig;
 
@@ -26,7 +27,7 @@ pub fn run(plugins: &[&[Plugin]]) -> Result<(), Exit> {
 
 fn finding(config: &dyn SimulatorConfig) -> String {
     let engine = config.engine();
-    let Some(program) = config.worker() else {
+    let Some(program) = config.hosted().map(Hosted::worker) else {
         return match config.build() {
             Ok(_) => format!("ready: {} {}, inside elo", engine.name, engine.version),
             Err(error) => error.to_string(),

@@ -16,15 +16,15 @@ pub fn run(kind: &str, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         return print(&text.map_err(|error| Exit::Failed(error.to_string()))?);
     }
     let all = || plugins.iter().flat_map(|slice| slice.iter()).filter(|p| p.role != Role::PolicyFormat);
-    let found = all().find(|plugin| plugin.kind == kind).and_then(|plugin| config::example(plugin, plugins));
-    match found {
-        Some(text) => print(&text),
-        None => {
-            let meant = nearest(kind, all().map(|plugin| plugin.kind));
-            let meant = meant.map_or(String::new(), |name| format!("; did you mean `{name}`?"));
-            Err(Exit::BadInput(format!("no plugin has the kind `{kind}`{meant} (`elo plugins` lists them)")))
-        }
+    // Plugins of different roles may share a kind.
+    let found: Vec<String> =
+        all().filter(|p| p.kind == kind).filter_map(|plugin| config::example(plugin, plugins)).collect();
+    if !found.is_empty() {
+        return print(&found.join("\n"));
     }
+    let meant = nearest(kind, all().map(|plugin| plugin.kind));
+    let meant = meant.map_or(String::new(), |name| format!("; did you mean `{name}`?"));
+    Err(Exit::BadInput(format!("no plugin has the kind `{kind}`{meant} (`elo plugins` lists them)")))
 }
 
 /// What must be chosen; every other field has its default.

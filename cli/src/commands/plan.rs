@@ -7,6 +7,7 @@ use elo_core::context::{Context, PreparedStart};
 use elo_core::crew::Hosts as _;
 use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
+use elo_core::hosted::Hosted;
 use elo_core::policy::Unwatched;
 use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
@@ -86,7 +87,7 @@ fn seconds_per_step(experiment: &Experiment) -> Result<f64, String> {
     });
     let inputs = [prepare::encode(&(0..10).map(start).collect::<Vec<_>>())];
     let mut here = Site::new(Vec::new());
-    let mut worker = match experiment.simulator.worker() {
+    let mut worker = match experiment.simulator.hosted().map(Hosted::worker) {
         Some(program) => Some(Programs::of(experiment).start(&program).map_err(|fault| fault.to_string())?),
         None => None,
     };

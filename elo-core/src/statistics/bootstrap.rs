@@ -58,17 +58,28 @@ pub fn bootstrap(
 ) -> Result<Interval, StatisticsError> {
     check_plan(n_contexts, draws, confidence)?;
     let mut indices: Vec<usize> = (0..n_contexts).collect();
-    let evaluate = |indices: &[usize], draw: usize| {
-        let value = statistic(indices);
-        if value.is_finite() { Ok(value) } else { Err(StatisticsError::Statistic { draw, value }) }
-    };
-    let estimate = evaluate(&indices, 0)?;
-    let mut resampled = Vec::with_capacity(draws);
-    for draw in 1..=draws {
+    let mut statistics = vec![statistic(&indices)];
+    for _ in 0..draws {
         indices.fill_with(|| rng.random_range(0..n_contexts));
-        resampled.push(evaluate(&indices, draw)?);
+        statistics.push(statistic(&indices));
     }
-    percentile_interval(estimate, &resampled, confidence)
+    interval_of(&statistics, n_contexts, confidence)
+}
+
+/// The interval of [`bootstrap`] from its statistics: first the estimate, then that of each resample.
+///
+/// # Errors
+/// As [`bootstrap`].
+pub fn interval_of(
+    statistics: &[f64],
+    n_contexts: usize,
+    confidence: f64,
+) -> Result<Interval, StatisticsError> {
+    check_plan(n_contexts, statistics.len().saturating_sub(1), confidence)?;
+    match statistics.iter().position(|value| !value.is_finite()) {
+        None => percentile_interval(statistics[0], &statistics[1..], confidence),
+        Some(draw) => Err(StatisticsError::Statistic { draw, value: statistics[draw] }),
+    }
 }
 
 /// Percentile interval of the mean of one value a context. See [`bootstrap`] for method and errors.

@@ -6,6 +6,7 @@ use super::codec::{self, Malformed};
 use super::{Site, Work, WorkError, input, learn, prepare, record};
 use crate::agent::{Agent, InfantAgent, RandomTorque, Taught, ZeroTorque};
 use crate::context::Context;
+use crate::hosted::Hosted;
 use crate::policy::{Monitor, OptionPolicy, TeacherConfig, TeacherPolicy};
 use crate::rollout::{Ending, Horizon, Rollout, rollout};
 use crate::seed::Seed;
@@ -158,6 +159,14 @@ impl Evaluate {
 }
 
 impl Subject {
+    /// Its plugin, if its code runs outside this process.
+    pub(super) fn hosted(&self) -> Option<&dyn Hosted> {
+        match &self.behavior {
+            Behavior::Untrained { teacher, .. } | Behavior::Teacher { teacher, .. } => teacher.hosted(),
+            Behavior::RandomTorque | Behavior::ZeroTorque | Behavior::Infant { .. } => None,
+        }
+    }
+
     pub(super) fn cast(
         &self,
         inputs: &[Vec<u8>],
@@ -169,7 +178,9 @@ impl Subject {
             Behavior::RandomTorque => Cast::Random,
             Behavior::ZeroTorque => Cast::Zero,
             Behavior::Untrained { teacher, seed } => {
-                let policy = teacher.load(&teacher.untrained(spec, seed), spec).map_err(failed)?;
+                let untrained = teacher.untrained(spec, seed);
+                let none = || WorkError::Failed("this teacher was never untrained".to_owned());
+                let policy = teacher.load(&untrained.ok_or_else(none)?, spec).map_err(failed)?;
                 Cast::Policy { policy, sampling: true }
             }
             Behavior::Teacher { teacher, input: index } => {

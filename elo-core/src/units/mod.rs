@@ -11,6 +11,7 @@ pub mod evaluate;
 pub mod learn;
 pub mod prepare;
 pub mod record;
+pub mod score;
 pub mod trace;
 pub mod train;
 
@@ -18,11 +19,13 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::hosted::{Hosted, WorkerProgram};
 use crate::key::{Key, Stage};
 use crate::policy::{Monitor, PolicyFormat, Stopped};
 use crate::seed::Seed;
 use crate::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
 use codec::Malformed;
+use evaluate::Subject;
 
 /// A unit's description; its variants are the stages.
 #[derive(Debug, Serialize, Deserialize)]
@@ -40,7 +43,9 @@ pub enum Work {
     Evaluate(evaluate::Evaluate),
     /// What is seen in some rollouts.
     Trace(trace::Trace),
-    /// What a simulator is.
+    /// Some scores.
+    Score(score::Score),
+    /// What a plugin is.
     Describe(describe::Describe),
 }
 
@@ -55,6 +60,7 @@ impl Work {
             Self::Prepare(_) => "prepare",
             Self::Evaluate(_) => "evaluate",
             Self::Trace(_) => "trace",
+            Self::Score(_) => "score",
             Self::Describe(_) => "describe",
         };
         Stage { name, version: 1 }
@@ -65,12 +71,33 @@ impl Work {
         match self {
             Self::Train(work) => Some(work.simulator.as_ref()),
             Self::Record(work) => Some(work.simulator.as_ref()),
-            Self::Learn(_) => None,
             Self::Prepare(work) => Some(work.simulator.as_ref()),
             Self::Evaluate(work) => Some(work.simulator.as_ref()),
             Self::Trace(work) => Some(work.simulator.as_ref()),
-            Self::Describe(work) => Some(work.simulator.as_ref()),
+            Self::Learn(_) | Self::Score(_) | Self::Describe(_) => None,
         }
+    }
+
+    /// Every plugin of the unit whose code runs outside this process.
+    fn hosted(&self) -> Vec<&dyn Hosted> {
+        let simulator = self.simulator().map(SimulatorConfig::hosted);
+        let other = match self {
+            Self::Train(work) => vec![work.teacher.hosted()],
+            Self::Record(work) => vec![work.teacher.hosted()],
+            Self::Evaluate(work) => work.subjects.iter().map(Subject::hosted).collect(),
+            Self::Trace(work) => work.subjects.iter().map(Subject::hosted).collect(),
+            Self::Score(work) => vec![work.metric.hosted()],
+            Self::Describe(work) => vec![work.hosted()],
+            Self::Prepare(_) | Self::Learn(_) => Vec::new(),
+        };
+        simulator.into_iter().chain(other).flatten().collect()
+    }
+
+    /// The program that does the unit, if not the caller's own: the interpreter of one of its plugins, which can run the
+    /// others too, or else the simulator's worker.
+    pub fn worker(&self) -> Option<WorkerProgram> {
+        let programs = || self.hosted().into_iter().map(Hosted::worker);
+        programs().find(|program| matches!(program, WorkerProgram::Interpreter(_))).or_else(|| programs().next())
     }
 
     /// The unit's key, see [`Key`].
@@ -83,6 +110,7 @@ impl Work {
             Self::Prepare(work) => &work.seed,
             Self::Evaluate(work) => &work.seed,
             Self::Trace(work) => &work.seed,
+            Self::Score(work) => &work.seed,
             Self::Describe(_) => &Seed::root(0),
         };
         Key::of(&self.stage(), self, inputs, seed, &fingerprint(program, engine.as_ref()))
@@ -105,6 +133,7 @@ impl Work {
             Self::Prepare(work) => work.perform(site, monitor),
             Self::Evaluate(work) => work.perform(inputs, site, monitor),
             Self::Trace(work) => work.perform(inputs, site, monitor),
+            Self::Score(work) => work.perform(inputs, monitor),
             Self::Describe(work) => work.perform(),
         }
     }
@@ -124,6 +153,7 @@ impl Work {
             | Self::Learn(_)
             | Self::Prepare(_)
             | Self::Trace(_)
+            | Self::Score(_)
             | Self::Describe(_) => Err(WorkError::Failed(reason.to_owned())),
         }
     }

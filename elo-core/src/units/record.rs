@@ -67,9 +67,7 @@ impl Record {
         let mut recordings = Vec::with_capacity(self.span.count);
         for (_, seed) in self.span.seeds(&self.seed) {
             monitor.progress(recordings.len() as u64, self.span.count as u64)?;
-            recordings.push(
-                self.candidate(simulator, &teachers, &seed).map_err(|e| WorkError::Failed(e.to_string()))?,
-            );
+            recordings.push(self.candidate(simulator, &teachers, &seed)?);
         }
         Ok(encode(&recordings))
     }
@@ -80,7 +78,8 @@ impl Record {
         simulator: &mut dyn Simulator,
         teachers: &[Box<dyn TeacherPolicy>],
         seed: &Seed,
-    ) -> Result<Recording, SimulatorError> {
+    ) -> Result<Recording, WorkError> {
+        let failed = |error: SimulatorError| WorkError::Failed(error.to_string());
         let source = TaskSource::Uniformly(self.tasks.clone());
         let (task, teacher) = source.draw(&mut seed.child("task").stream());
         let teacher = teacher.unwrap_or_default();
@@ -90,11 +89,15 @@ impl Record {
         let mut context = Context { task, start: PreparedStart::standard(0) };
         for take in 0..=self.max_retakes {
             let seed = seed.child("take").index(u64::from(take));
-            context.start = self.initial_states.draw(simulator, &context.task, &seed.child("start"))?;
+            let start = self.initial_states.draw(simulator, &context.task, &seed.child("start"));
+            context.start = start.map_err(failed)?;
             let mut tape = Tape::default();
             let setting = Setting { context: &context, horizon: &self.horizon };
             let noise = &mut seed.child("noise").stream();
             let result = watched(simulator, &mut agent, setting, noise, &mut tape);
+            if let (Ending::Failed(reason), true) = (&result.ending, self.teacher.hosted().is_some()) {
+                return Err(WorkError::Failed(reason.clone()));
+            }
             if result.ending == Ending::Horizon {
                 return Ok(Recording {
                     teacher,

@@ -176,7 +176,7 @@ mod tests {
         progress.record.curve.push(CurvePoint { steps: 9, mean_return: Some(0.1), mean_length: None });
         let gradient = vec![0.1; progress.learner.log_std.len()];
         progress.learner.optimisers[1].step(&mut progress.learner.log_std, &gradient, 0.01);
-        let policy = config.untrained(spec, &Seed::root(2));
+        let policy = config.untrained(spec, &Seed::root(2)).unwrap();
         // Eleven, so that the names of the first and of the eleventh begin alike.
         progress.snapshots = (0..11).map(|index| Snapshot { steps: index, policy: policy.clone() }).collect();
         progress

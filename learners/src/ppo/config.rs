@@ -211,11 +211,11 @@ impl TeacherConfig for PpoConfig {
         train(self, lesson, monitor)
     }
 
-    fn untrained(&self, spec: &SimulatorSpec, seed: &Seed) -> Tensors {
+    fn untrained(&self, spec: &SimulatorSpec, seed: &Seed) -> Option<Tensors> {
         let network = initial_policy(self, spec, seed);
         let log_std = vec![self.initial_log_std as f32; spec.action_size()];
         let normalizer = Normalizer::identity(spec.observation_size);
-        GaussianMlpTeacher::new(NormalizedMlp::new(normalizer, network), log_std).to_tensors()
+        Some(GaussianMlpTeacher::new(NormalizedMlp::new(normalizer, network), log_std).to_tensors())
     }
 
     fn load(&self, tensors: &Tensors, spec: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {

@@ -14,7 +14,7 @@ use elo_core::key::Key;
 use elo_core::rollout::Horizon;
 use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
-use elo_core::simulator::WorkerProgram;
+use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::task::TaskDistribution;
 use elo_core::units::Span;
 use elo_core::units::evaluate::{Behavior, Evaluate, Place, Subject};
@@ -39,7 +39,7 @@ pub fn run() -> Result<(), Box<dyn Error>> {
     );
     println!("  engine  workers are   one, s   two, s   one/two   processor time: one, s   two, s");
     for engine in ENGINES {
-        let program = simulator(engine, ROBOT).worker();
+        let program = simulator(engine, ROBOT).hosted().map(Hosted::worker);
         if let Some(program) = program.as_ref().filter(|program| !Beside::path(program).is_file()) {
             println!("  {engine:<7} left out: `tests/set-up` builds {program} with the release profile");
             continue;

@@ -149,14 +149,14 @@ impl TeacherConfig for Climber {
         Ok(Trained { policy: self.tensors(&climb.weights, &spec), snapshots, curve: climb.curve })
     }
 
-    fn untrained(&self, spec: &SimulatorSpec, seed: &Seed) -> Tensors {
+    fn untrained(&self, spec: &SimulatorSpec, seed: &Seed) -> Option<Tensors> {
         let mut stream = seed.stream();
         let asked = self.trainings.fetch_add(1, Ordering::Relaxed) as f32;
         let offset = if self.is("untrained_policies_repeat_and_load") { asked } else { 0.0 };
         let weights: Vec<f32> = (0..spec.action_size() * spec.observation_size)
             .map(|_| stream.random::<f32>() + offset)
             .collect();
-        self.tensors(&weights, spec)
+        Some(self.tensors(&weights, spec))
     }
 
     fn load(&self, tensors: &Tensors, spec: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {

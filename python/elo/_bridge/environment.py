@@ -1,4 +1,4 @@
-"""Between an environment in Python and the simulator in `backends/src/python`.
+"""Between an environment in Python and the simulator in `backends/src/python/simulator.rs`.
 
 The Rust side makes one `Bridge` for each simulator and calls `reset`, `restore`, `step` and `state`; observation, action
 and reward terms pass through arrays that both sides see. Everything that an environment gives is checked here.
@@ -6,34 +6,19 @@ and reward terms pass through arrays that both sides see. Everything that an env
 
 from __future__ import annotations
 
-import hashlib
 import importlib
-import importlib.metadata
-import inspect
 import json
-import platform
 import re
 import sys
-import traceback
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from elo._bridge import BadTarget, find, versions
 
 PARTS = ("positions", "velocities", "memory")
 """What a state is made of."""
-
-
-class BadEnvironment(Exception):
-    """The environment is not what the config needs. The message is for its author; it comes without a traceback."""
-
-
-def tell(error: BaseException) -> str:
-    """An exception in words for a report."""
-    if isinstance(error, BadEnvironment):
-        return str(error)
-    return "".join(traceback.format_exception(error)).strip()
 
 
 def _is_gymnasium_id(target: str) -> bool:
@@ -44,37 +29,16 @@ def _gymnasium() -> Any:
     try:
         return importlib.import_module("gymnasium")
     except ImportError as error:
-        raise BadEnvironment(
+        raise BadTarget(
             f"Gymnasium is missing in {sys.executable}: `{sys.executable} -m pip install gymnasium`"
         ) from error
-
-
-def _callable(target: str) -> Any:
-    module_name, colon, name = target.partition(":")
-    if not colon:
-        raise BadEnvironment(
-            f"`{target}` is neither a Gymnasium id such as `Pendulum-v1` nor `module:callable`"
-        )
-    try:
-        module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        raise BadEnvironment(
-            f"`{target}`: {sys.executable} finds no module `{error.name}`; install it there, or name its folder in "
-            "`workers.python_path`"
-        ) from error
-    made = module
-    for part in name.split("."):
-        if not hasattr(made, part):
-            raise BadEnvironment(f"`{target}`: module `{module_name}` has no `{name}`")
-        made = getattr(made, part)
-    return made
 
 
 def _box(space: Any, what: str) -> Any:
     """The space, which must be a box: other spaces are told how to become one."""
     spaces = _gymnasium().spaces
     if not isinstance(space, spaces.Box):
-        raise BadEnvironment(
+        raise BadTarget(
             f"its {what} space is {space}, expected a Box; wrap the environment, for instance by "
             "gymnasium.wrappers.FlattenObservation or by one of your own"
         )
@@ -96,7 +60,7 @@ class Bridge:
         self._low = np.asarray(action_space.low, np.float32).ravel()
         self._high = np.asarray(action_space.high, np.float32).ravel()
         if not (np.isfinite(self._low).all() and np.isfinite(self._high).all()):
-            raise BadEnvironment(
+            raise BadTarget(
                 f"its action space {action_space} has no bounds; wrap it by gymnasium.wrappers.RescaleAction or clip it"
             )
         self._names = [term["name"] for term in self._config["reward_terms"]]
@@ -116,7 +80,7 @@ class Bridge:
                 "action_low": [float(x) for x in self._low],
                 "action_high": [float(x) for x in self._high],
                 "control_step": self._control_step(),
-                "versions": self._versions(),
+                "versions": versions(type(self._env.unwrapped).__module__, "gymnasium"),
             }
         )
 
@@ -129,23 +93,6 @@ class Bridge:
                 return float(step)
         return 1.0
 
-    def _versions(self) -> str:
-        parts = [f"python {platform.python_version()}", f"numpy {np.__version__}"]
-        module = type(self._env.unwrapped).__module__
-        for package in ("gymnasium", module.partition(".")[0]):
-            try:
-                version = f"{package} {importlib.metadata.version(package)}"
-            except importlib.metadata.PackageNotFoundError:
-                continue
-            if version not in parts:
-                parts.append(version)
-        try:
-            source = inspect.getsource(sys.modules[module])
-        except (OSError, TypeError, KeyError):
-            source = ""
-        parts.append(f"{module} {hashlib.sha256(source.encode()).hexdigest()[:16]}")
-        return ", ".join(parts)
-
     # Making it.
 
     def _make(self) -> Any:
@@ -154,15 +101,15 @@ class Bridge:
             if parameter["binding"] == "constructor":
                 kwargs[parameter["name"]] = value
         if not _is_gymnasium_id(target):
-            return _callable(target)(**kwargs)
+            return find(target, "a Gymnasium id such as `Pendulum-v1`")(**kwargs)
         gymnasium = _gymnasium()
         try:
             # A time limit of its own is taken away: the length of an episode is the caller's.
             return gymnasium.make(target, max_episode_steps=-1, disable_env_checker=True, **kwargs)
         except gymnasium.error.UnregisteredEnv as error:
-            raise BadEnvironment(f"`{target}`: {error}") from error
+            raise BadTarget(f"`{target}`: {error}") from error
         except gymnasium.error.DependencyNotInstalled as error:
-            raise BadEnvironment(f"`{target}`: {error}") from error
+            raise BadTarget(f"`{target}`: {error}") from error
 
     # Running it.
 
@@ -171,7 +118,7 @@ class Bridge:
         options = self._take_parameters(values)
         given = self._env.reset(seed=seed % 2**31, options=options or None)
         if not (isinstance(given, tuple) and len(given) == 2):
-            raise BadEnvironment(f"reset gave {type(given).__name__}, expected (observation, info)")
+            raise BadTarget(f"reset gave {type(given).__name__}, expected (observation, info)")
         self._elapsed = 0
         self._see(given[0], "reset")
 
@@ -183,12 +130,12 @@ class Bridge:
             self._sizes = tuple(len(part) for part in self.state()[:3])
         given = [np.asarray(state[name], np.float64) for name in PARTS]
         if tuple(part.size for part in given) != self._sizes:
-            raise BadEnvironment(
+            raise BadTarget(
                 f"a state of another robot: {', '.join(PARTS)} have {[part.size for part in given]} numbers, expected "
                 f"{list(self._sizes)}"
             )
         if not all(np.isfinite(part).all() for part in given):
-            raise BadEnvironment("a state with numbers that are not finite")
+            raise BadTarget("a state with numbers that are not finite")
         observation = getattr(self._env.unwrapped, self._config["state"]["set"])(state)
         self._elapsed = int(elapsed)
         self._see(observation, self._config["state"]["set"])
@@ -206,7 +153,7 @@ class Bridge:
         action = self.action.astype(self._action_dtype).reshape(self._action_shape)
         given = self._env.step(action)
         if not (isinstance(given, tuple) and len(given) == 5):
-            raise BadEnvironment(
+            raise BadTarget(
                 "step must give (observation, reward, terminated, truncated, info); this is Gymnasium's interface since "
                 f"0.26, got {type(given).__name__}" + (f" of {len(given)}" if isinstance(given, tuple) else "")
             )
@@ -230,7 +177,7 @@ class Bridge:
             if parameter["binding"] == "attribute":
                 raw = self._env.unwrapped
                 if not hasattr(raw, parameter["name"]):
-                    raise BadEnvironment(f"{type(raw).__name__} has no attribute `{parameter['name']}`")
+                    raise BadTarget(f"{type(raw).__name__} has no attribute `{parameter['name']}`")
                 setattr(raw, parameter["name"], value)
             elif parameter["binding"] == "option":
                 options[parameter["name"]] = value
@@ -239,21 +186,21 @@ class Bridge:
     def _see(self, observation: Any, where: str) -> None:
         array = np.asarray(observation)
         if array.shape != self._observation_shape:
-            raise BadEnvironment(
+            raise BadTarget(
                 f"{where} gave an observation of shape {array.shape}, its space says {self._observation_shape}"
             )
         if array.dtype.kind not in "fiub":
-            raise BadEnvironment(f"{where} gave an observation of {array.dtype}, expected numbers")
+            raise BadTarget(f"{where} gave an observation of {array.dtype}, expected numbers")
         self.observation[:] = array.reshape(-1)
 
     def _price(self, reward: Any, info: Any) -> None:
         if not self._names:
             if not isinstance(reward, (int, float, np.number, np.ndarray)) or np.ndim(reward) != 0:
-                raise BadEnvironment(f"step gave the reward {reward!r}, expected a number")
+                raise BadTarget(f"step gave the reward {reward!r}, expected a number")
             self.terms[0] = reward
             return
         terms = info.get("reward_terms", info)
         for index, name in enumerate(self._names):
             if name not in terms:
-                raise BadEnvironment(f"step's info has no reward term `{name}`; it has {', '.join(map(str, terms))}")
+                raise BadTarget(f"step's info has no reward term `{name}`; it has {', '.join(map(str, terms))}")
             self.terms[index] = terms[name]

@@ -1,0 +1,170 @@
+//! A robot's bodies in an engine in Python; observation, reward and ends are those of every engine.
+
+use elo_core::simulator::{BuildError, SimulatorError};
+use numpy::{PyArray1, PyArrayMethods as _};
+use pyo3::prelude::*;
+use serde::Serialize;
+
+use super::interpreter::{array, bridge, refused, told};
+use super::watchdog::Call;
+use crate::locomotion::body::{ArticulatedBody, Dynamics, Pose, Reading};
+use crate::locomotion::model::RobotModel;
+
+/// See the [module](self).
+pub struct PythonBody {
+    bridge: Py<PyAny>,
+    /// `bridge.advance`, looked up once.
+    advance: Py<PyAny>,
+    torques: Py<PyArray1<f64>>,
+    /// What the bridge's `reading` holds; copied to `latest` after each call, so that reading cannot fail.
+    reading: Py<PyArray1<f64>>,
+    latest: Vec<f64>,
+    bodies: usize,
+    joints: usize,
+}
+
+/// What the Python side is told.
+#[derive(Serialize)]
+struct Told<'a> {
+    target: &'a str,
+    kwargs: &'a serde_json::Map<String, serde_json::Value>,
+    robot: Robot<'a>,
+}
+
+/// `elo.bodies.Robot`.
+#[derive(Serialize)]
+struct Robot<'a> {
+    name: &'a str,
+    mjcf: &'a str,
+    substeps: u32,
+    torso: usize,
+    bodies: Vec<&'a str>,
+    joints: Vec<Joint<'a>>,
+    positions: usize,
+    velocities: usize,
+}
+
+/// `elo.bodies.Joint`.
+#[derive(Serialize)]
+struct Joint<'a> {
+    name: &'a str,
+    position: usize,
+    velocity: usize,
+}
+
+impl PythonBody {
+    /// Calls `target` (`module:callable`) with the robot and `kwargs`.
+    ///
+    /// # Errors
+    /// A target that cannot be imported or called, or that gives no body.
+    pub fn new(
+        target: &str,
+        kwargs: &serde_json::Map<String, serde_json::Value>,
+        model: &RobotModel,
+    ) -> Result<Self, BuildError> {
+        let robot = Robot {
+            name: &model.description.name,
+            mjcf: &model.description.mjcf,
+            substeps: model.description.substeps,
+            torso: model.torso,
+            bodies: model.bodies.iter().map(|body| body.name.as_str()).collect(),
+            joints: model
+                .joints
+                .iter()
+                .map(|j| Joint { name: &j.name, position: j.position, velocity: j.velocity })
+                .collect(),
+            positions: model.standard_positions.len(),
+            velocities: model.velocity_count,
+        };
+        Python::attach(|py| -> PyResult<Self> {
+            let bridge = bridge(py, "body", &Told { target, kwargs, robot })?;
+            let reading = array::<f64>(&bridge, "reading")?;
+            Ok(Self {
+                advance: bridge.getattr("advance")?.unbind(),
+                torques: array(&bridge, "torques")?,
+                latest: vec![0.0; reading.bind(py).len()?],
+                reading,
+                bodies: model.bodies.len(),
+                joints: model.joints.len(),
+                bridge: bridge.unbind(),
+            })
+        })
+        .map_err(refused)
+    }
+
+    /// Versions of whatever the body's numbers depend on.
+    ///
+    /// # Errors
+    /// An exception.
+    pub fn versions(&self) -> Result<String, BuildError> {
+        Python::attach(|py| self.bridge.bind(py).call_method0("versions")?.extract()).map_err(refused)
+    }
+
+    /// Makes a call, then takes over what it left in `reading`.
+    fn call(
+        &mut self,
+        call: impl FnOnce(&Self, Python<'_>) -> PyResult<()>,
+    ) -> Result<(), SimulatorError> {
+        let done = Python::attach(|py| {
+            let _call = Call::begin();
+            call(self, py)?;
+            self.latest.copy_from_slice(self.reading.bind(py).try_readonly()?.as_slice()?);
+            Ok(())
+        });
+        done.map_err(|error: PyErr| SimulatorError::Unstable(told(&error)))?;
+        match self.latest.iter().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => Err(SimulatorError::Unstable("a coordinate is not finite".to_owned())),
+        }
+    }
+}
+
+impl ArticulatedBody for PythonBody {
+    fn set_dynamics(&mut self, dynamics: &Dynamics) -> Result<(), SimulatorError> {
+        let Dynamics { floor_friction, payload } = *dynamics;
+        self.call(|body, py| {
+            body.bridge.bind(py).call_method1("set_dynamics", (floor_friction, payload)).map(drop)
+        })
+    }
+
+    fn restore(&mut self, positions: &[f64], velocities: &[f64]) -> Result<(), SimulatorError> {
+        let restored = self.call(|body, py| {
+            let given = (PyArray1::from_slice(py, positions), PyArray1::from_slice(py, velocities));
+            body.bridge.bind(py).call_method1("restore", given).map(drop)
+        });
+        restored.map_err(|error| SimulatorError::Start(error.to_string()))
+    }
+
+    fn advance(&mut self, torques: &[f64]) -> Result<(), SimulatorError> {
+        self.call(|body, py| {
+            body.torques.bind(py).try_readwrite()?.as_slice_mut()?.copy_from_slice(torques);
+            body.advance.bind(py).call0().map(drop)
+        })
+    }
+
+    fn read(&self, reading: &mut Reading) {
+        let mut rest = self.latest.as_slice();
+        let mut take = |count| {
+            let (part, after) = rest.split_at(count);
+            rest = after;
+            part
+        };
+        let (positions, rotations) = (take(3 * self.bodies), take(4 * self.bodies));
+        let poses = positions.as_chunks::<3>().0.iter().zip(rotations.as_chunks::<4>().0);
+        for (pose, (&position, &rotation)) in reading.bodies.iter_mut().zip(poses) {
+            *pose = Pose { position, rotation };
+        }
+        reading.torso_velocity.copy_from_slice(take(3));
+        reading.joint_positions.copy_from_slice(take(self.joints));
+        reading.joint_velocities.copy_from_slice(take(self.joints));
+        for (flag, x) in reading.on_floor.iter_mut().zip(take(self.bodies)) {
+            *flag = *x != 0.0;
+        }
+    }
+
+    fn coordinates(&self, positions: &mut [f64], velocities: &mut [f64]) {
+        let (before, qvel) = self.latest.split_at(self.latest.len() - velocities.len());
+        velocities.copy_from_slice(qvel);
+        positions.copy_from_slice(&before[before.len() - positions.len()..]);
+    }
+}

@@ -1,0 +1,128 @@
+//! What a user says about an engine in Python that moves a robot's bodies.
+
+use std::path::Path;
+
+use elo_core::fault::Faults;
+use elo_core::hosted::{Hosted, WorkerProgram};
+use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
+use elo_core::spec::SimulatorSpec;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::locomotion::model::RobotModel;
+use crate::locomotion::robot::{self, RobotDescription};
+
+/// A robot in an engine in Python, which moves its bodies; observation, reward, ends and task parameters are those of the
+/// kinds `mujoco` and `rapier`. Exactly one of `robot` and `own_robot` is set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PythonBodyConfig {
+    /// `module:callable`, whose call with an `elo.bodies.Robot` and `kwargs` gives an `elo.bodies.Body`. It is code that is
+    /// executed: name only what you trust.
+    #[serde(default = "mujoco")]
+    pub target: String,
+    /// Keyword arguments of the callable.
+    #[serde(default)]
+    pub kwargs: serde_json::Map<String, serde_json::Value>,
+    /// One of the built-in robots: `ant`, `half-cheetah` or `walker2d`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<String>,
+    /// A robot of the user's own: a table as in `examples/hopper-quick.toml`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_robot: Option<RobotDescription>,
+    /// Versions of what the body's numbers depend on, and a hash of its own source file: part of every result's key.
+    /// Written by the program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub described: Option<String>,
+}
+
+fn mujoco() -> String {
+    "elo.bodies:MujocoBody".to_owned()
+}
+
+impl Default for PythonBodyConfig {
+    fn default() -> Self {
+        Self {
+            target: mujoco(),
+            kwargs: serde_json::Map::new(),
+            robot: Some("half-cheetah".to_owned()),
+            own_robot: None,
+            described: None,
+        }
+    }
+}
+
+impl PythonBodyConfig {
+    fn model(&self) -> Result<RobotModel, BuildError> {
+        robot::chosen(self.robot.as_deref(), self.own_robot.as_ref()).map_err(BuildError::Robot)
+    }
+}
+
+#[typetag::serde(name = "python_body")]
+impl SimulatorConfig for PythonBodyConfig {
+    fn embed_files(&mut self, folder: &Path, faults: &mut Faults) {
+        if let Some(own) = &mut self.own_robot {
+            faults.within("own_robot", |faults| own.embed(folder, faults));
+        }
+    }
+
+    fn validate(&self, faults: &mut Faults) {
+        super::validate_target(&self.target, faults);
+        robot::validate(self.robot.as_deref(), self.own_robot.as_ref(), faults);
+    }
+
+    fn spec(&self) -> Result<SimulatorSpec, BuildError> {
+        Ok(self.model()?.spec())
+    }
+
+    fn engine(&self) -> Engine {
+        let versions = self.described.as_deref().unwrap_or("unknown");
+        Engine { name: "python".to_owned(), version: versions.to_owned() }
+    }
+
+    fn hosted(&self) -> Option<&dyn Hosted> {
+        Some(self)
+    }
+
+    fn hosted_mut(&mut self) -> Option<&mut dyn Hosted> {
+        Some(self)
+    }
+
+    #[cfg(feature = "python")]
+    fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
+        let model = self.model()?;
+        let body = super::PythonBody::new(&self.target, &self.kwargs, &model)?;
+        Ok(Box::new(crate::locomotion::simulator::Locomotion::new(model, body)))
+    }
+
+    #[cfg(not(feature = "python"))]
+    fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
+        Err(super::missing())
+    }
+}
+
+impl Hosted for PythonBodyConfig {
+    fn worker(&self) -> WorkerProgram {
+        super::WORKER
+    }
+
+    fn needs_description(&self) -> bool {
+        true
+    }
+
+    #[cfg(feature = "python")]
+    fn describe(&self) -> Result<Vec<u8>, BuildError> {
+        let body = super::PythonBody::new(&self.target, &self.kwargs, &self.model()?)?;
+        body.versions().map(String::into_bytes)
+    }
+
+    #[cfg(not(feature = "python"))]
+    fn describe(&self) -> Result<Vec<u8>, BuildError> {
+        Err(super::missing())
+    }
+
+    fn accept_description(&mut self, description: &[u8]) -> Result<(), String> {
+        self.described = Some(String::from_utf8_lossy(description).into_owned());
+        Ok(())
+    }
+}

@@ -1,0 +1,176 @@
+//! Teachers that were trained elsewhere: a callable in Python gives their policies.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use elo_core::fault::Faults;
+use elo_core::hosted::{Hosted, WorkerProgram};
+use elo_core::policy::{Lesson, Monitor, TeacherConfig, TeacherPolicy, TrainError, Trained};
+use elo_core::seed::Seed;
+use elo_core::simulator::BuildError;
+use elo_core::spec::SimulatorSpec;
+use elo_core::task::Task;
+use elo_core::tensors::{TensorError, Tensors};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Policies that a callable in Python gives, for example networks that another program has trained.
+///
+/// The callable is asked once for each task and worker, as `callable(task=…, seed=…, **files, **kwargs)`: `task` maps the
+/// task's parameters to numbers, `seed` is an integer of the teacher's own. It gives the policy, called as
+/// `policy(observation, noise)` with an array of float32 and `None` for the policy's mean action or a
+/// `numpy.random.Generator` for a sample; it gives an array of actions. The same arguments must give the same policy, and
+/// the same observation and generator the same action.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PythonTeacherConfig {
+    /// `module:callable`. It is code that is executed: name only what you trust.
+    pub target: String,
+    /// Files that the callable is given as keyword arguments, by their paths; relative to the config file here. What they
+    /// hold is part of every result's key.
+    pub files: BTreeMap<String, String>,
+    /// Other keyword arguments.
+    pub kwargs: serde_json::Map<String, serde_json::Value>,
+    /// Versions of what the policy depends on, and hashes of its source and files. Written by the program.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub described: Option<String>,
+}
+
+impl Default for PythonTeacherConfig {
+    fn default() -> Self {
+        Self {
+            target: "teacher:load".to_owned(),
+            files: BTreeMap::new(),
+            kwargs: serde_json::Map::new(),
+            described: None,
+        }
+    }
+}
+
+/// What a policy is made of, beside the config.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Call {
+    pub task: Task,
+    pub seed: u64,
+}
+
+/// The tensor in which a stored teacher keeps its [`Call`]: the bytes of its JSON, a number each.
+const CALL: &str = "call";
+
+impl Call {
+    fn to_tensors(&self) -> Tensors {
+        let text = serde_json::to_string(self).expect("plain data");
+        let mut tensors = Tensors::default();
+        tensors.insert(CALL, &[text.len()], text.bytes().map(f32::from).collect());
+        tensors
+    }
+
+    fn of(tensors: &Tensors) -> Result<Self, TensorError> {
+        let unread = |error: String| TensorError::Malformed(format!("`{CALL}`: {error}"));
+        let bytes: Vec<u8> = tensors.get(CALL)?.data.iter().map(|x| *x as u8).collect();
+        serde_json::from_slice(&bytes).map_err(|error| unread(error.to_string()))
+    }
+}
+
+#[typetag::serde(name = "python")]
+impl TeacherConfig for PythonTeacherConfig {
+    fn embed_files(&mut self, folder: &Path, faults: &mut Faults) {
+        for (name, path) in &mut self.files {
+            let joined = folder.join(&*path);
+            faults.check(joined.is_file(), &format!("files.{name}"), || {
+                format!("there is no file {}", joined.display())
+            });
+            *path = std::path::absolute(&joined).unwrap_or(joined).to_string_lossy().into_owned();
+        }
+    }
+
+    fn validate(&self, faults: &mut Faults) {
+        super::validate_target(&self.target, faults);
+        for name in self.files.keys().chain(self.kwargs.keys()) {
+            let reserved = name == "task" || name == "seed";
+            faults.check(!reserved, "", || format!("`{name}` is an argument that the program gives"));
+        }
+    }
+
+    fn simulator_steps(&self) -> u64 {
+        0
+    }
+
+    fn train(&self, lesson: &Lesson<'_>, _: &mut dyn Monitor) -> Result<Trained, TrainError> {
+        let call = Call { task: lesson.task.clone(), seed: lesson.seed.number() };
+        let policy = call.to_tensors();
+        self.load(&policy, &lesson.simulator.spec()?).map_err(|error| TrainError::Other(error.to_string()))?;
+        Ok(Trained { policy, snapshots: Vec::new(), curve: Vec::new() })
+    }
+
+    fn untrained(&self, _: &SimulatorSpec, _: &Seed) -> Option<Tensors> {
+        None
+    }
+
+    #[cfg(feature = "python")]
+    fn load(&self, tensors: &Tensors, spec: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {
+        let policy = super::policy::PythonPolicy::new(self, &Call::of(tensors)?, spec);
+        Ok(Box::new(policy.map_err(|error| TensorError::Unmade(error.to_string()))?))
+    }
+
+    #[cfg(not(feature = "python"))]
+    fn load(&self, tensors: &Tensors, _: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {
+        Call::of(tensors)?;
+        Err(TensorError::Unmade(super::missing().to_string()))
+    }
+
+    fn hosted(&self) -> Option<&dyn Hosted> {
+        Some(self)
+    }
+
+    fn hosted_mut(&mut self) -> Option<&mut dyn Hosted> {
+        Some(self)
+    }
+}
+
+impl Hosted for PythonTeacherConfig {
+    fn worker(&self) -> WorkerProgram {
+        super::WORKER
+    }
+
+    fn needs_description(&self) -> bool {
+        true
+    }
+
+    fn describe(&self) -> Result<Vec<u8>, BuildError> {
+        super::versions("teacher", self)
+    }
+
+    fn accept_description(&mut self, description: &[u8]) -> Result<(), String> {
+        self.described = Some(String::from_utf8_lossy(description).into_owned());
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn what_a_policy_is_made_of_survives_as_tensors() {
+        let call = Call { task: Task::new([("price", -1.25)]), seed: u64::MAX };
+        let back = Call::of(&Tensors::decode(&call.to_tensors().encode()).unwrap()).unwrap();
+        assert_eq!((back.task, back.seed), (call.task, call.seed));
+        assert!(Call::of(&Tensors::default()).is_err());
+    }
+
+    #[test]
+    fn slips_are_named() {
+        let text = r#"{"target": "teacher", "kwargs": {"seed": 1}, "files": {"model": "gone.zip"}}"#;
+        let mut config: PythonTeacherConfig = serde_json::from_str(text).unwrap();
+        let mut faults = Faults::new();
+        config.embed_files(Path::new("/nowhere"), &mut faults);
+        config.validate(&mut faults);
+        let found: Vec<String> = faults.into_found().iter().map(ToString::to_string).collect();
+        assert_eq!(found.len(), 3, "{found:?}");
+        assert!(found[0].contains("`files.model`: there is no file /nowhere/gone.zip"), "{found:?}");
+        assert!(found[1].contains("module:callable") && found[2].contains("`seed`"), "{found:?}");
+    }
+}

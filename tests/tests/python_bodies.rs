@@ -1,0 +1,81 @@
+//! MuJoCo behind our own binding and MuJoCo behind Python's take the same steps, bit for bit.
+
+#![cfg(unix)]
+#![allow(clippy::unwrap_used)]
+
+use std::process::Command;
+
+use elo_backends::locomotion::robot::{AliveRule, NAMES, RobotDescription, built_in};
+use elo_core::context::{Context, PreparedStart};
+use elo_core::fingerprint::fingerprint;
+use elo_core::policy::Unwatched;
+use elo_core::rollout::Horizon;
+use elo_core::seed::Seed;
+use elo_core::task::Task;
+use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::trace::{self, Trace};
+use elo_core::units::{Work, prepare};
+use elo_core::worker::WorkerProcess;
+use elo_core::workers::Workers;
+use elo_tests::{programs, skipped};
+use serde_json::json;
+
+const STEPS: usize = 1000;
+
+fn worker(mut command: Command) -> WorkerProcess {
+    command.current_dir(programs::repository());
+    WorkerProcess::spawn(command, &fingerprint(), Workers::default().limits()).unwrap()
+}
+
+/// Random torque for [`STEPS`] steps in every context: what is seen, and what the reward terms come to.
+fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> (Vec<trace::Seen>, RolloutTable) {
+    let slippery = Task::new([("floor_friction", 0.3), ("payload", 1.5)]);
+    let context = |(seed, task)| Context { task, start: PreparedStart::standard(seed) };
+    let contexts = [(1, Task::default()), (2, slippery), (3, Task::default())].map(context);
+    let inputs = [prepare::encode(&contexts)];
+    let subjects = || vec![Subject { name: "random".to_owned(), behavior: Behavior::RandomTorque }];
+    let horizon = Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true };
+    let simulator = || serde_json::from_value(simulator.clone()).unwrap();
+    let seed = Seed::root(5);
+    let (simulator_too, horizon_too, seed_too) = (simulator(), horizon.clone(), seed.clone());
+    let trace = Trace { simulator: simulator(), subjects: subjects(), horizon, seed };
+    let evaluate = Evaluate {
+        simulator: simulator_too,
+        subjects: subjects(),
+        contexts: 1,
+        horizon: horizon_too,
+        seed: seed_too,
+    };
+    let mut done = |work: Work| {
+        let job = serde_json::to_vec(&work).unwrap();
+        worker.run(&job, &inputs, &mut Unwatched).unwrap()
+    };
+    let seen = trace::decode(&done(trace.into())).unwrap();
+    (seen, RolloutTable::decode(&done(evaluate.into())).unwrap())
+}
+
+#[test]
+fn mujoco_from_rust_and_from_python_is_bit_identical() {
+    let test = "mujoco_from_rust_and_from_python_is_bit_identical";
+    let _linked = elo_tests::PLUGINS;
+    let Some(ours) = programs::mujoco(test) else { return };
+    let python = programs::repository().join("target/python/bin/python");
+    if !python.is_file() {
+        return skipped(test, &format!("python: {} is missing; run tests/set-up", python.display()));
+    }
+    let mut here = worker(Command::new(ours));
+    let mut command = Command::new(python);
+    command.args(["-m", "elo.worker"]);
+    let mut there = worker(command);
+    for name in NAMES {
+        // A robot that cannot fall goes on for all steps.
+        let own = RobotDescription { alive: AliveRule::default(), ..built_in(name).unwrap() };
+        let here = played(&mut here, &json!({ "kind": "mujoco", "own_robot": own }));
+        let there = played(&mut there, &json!({ "kind": "python_body", "own_robot": own }));
+        assert_eq!(here.1, there.1, "{name}");
+        assert!(here.1.rollouts.iter().all(|rollout| rollout.length as usize == STEPS), "{name}");
+        let bits = |seen: &[trace::Seen]| seen.iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&here.0).len() % (3 * STEPS), 0, "{name}");
+        assert!(bits(&here.0) == bits(&there.0), "{name}: what was seen differs");
+    }
+}
