@@ -27,7 +27,10 @@ pub const PLUGINS: &[Plugin] = &[
         "robots with legs in a physics engine in Python",
     ),
     Plugin::teacher::<python::PythonTeacherConfig>("python", "policies that a callable in Python gives"),
-    Plugin::metric::<python::PythonMetricConfig>("python", "a function in Python that scores arrays of returns"),
+    Plugin::metric::<python::PythonMetricConfig>(
+        "python",
+        "a function in Python that scores arrays of returns",
+    ),
     #[cfg(feature = "rapier")]
     Plugin::simulator::<rapier::RapierConfig>(
         "rapier",

@@ -6,11 +6,11 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use crate::hosted::WorkerProgram;
 use crate::key::{Key, Stage};
 use crate::policy::{Monitor, PolicyFormat, Stopped};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::seed::Seed;
-use crate::hosted::WorkerProgram;
 use crate::units::codec::Malformed;
 use crate::units::{Site, Work, WorkError};
 use crate::worker::{WorkerFault, WorkerProcess};

@@ -207,7 +207,8 @@ impl Experiment {
     /// Every plugin, with the path of its table: those whose code may run in workers.
     pub fn describable(&self) -> Vec<(String, Describe)> {
         let metrics = self.metrics.iter().enumerate();
-        let metrics = metrics.map(|(i, metric)| (format!("metrics[{i}]"), Describe::Metric(duplicate(metric))));
+        let metrics =
+            metrics.map(|(i, metric)| (format!("metrics[{i}]"), Describe::Metric(duplicate(metric))));
         let simulator = ("simulator".to_owned(), Describe::Simulator(duplicate(&self.simulator)));
         let teacher = ("teacher".to_owned(), Describe::Teacher(duplicate(&self.teacher)));
         [simulator, teacher].into_iter().chain(metrics).collect()

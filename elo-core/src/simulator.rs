@@ -212,4 +212,7 @@ pub enum BuildError {
     /// The robot's description cannot be loaded.
     #[error("the robot cannot be loaded: {0}")]
     Robot(String),
+    /// A user's code cannot be found or run.
+    #[error("{0}")]
+    Code(String),
 }

@@ -7,11 +7,15 @@ A `[simulator]` table of `kind = "python_body"` names a callable that makes such
 from __future__ import annotations
 
 import copy
+import importlib
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+
+from elo._bridge import BadTarget
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -103,12 +107,14 @@ class MujocoBody:
 
     def __init__(self, robot: Robot, version: str = "3.17.0") -> None:
         try:
-            import mujoco
+            mujoco: Any = importlib.import_module("mujoco")
         except ImportError as error:
-            raise RuntimeError(f"MuJoCo is missing here: pip install mujoco=={version}") from error
+            raise BadTarget(f"MuJoCo is missing in {sys.executable}: pip install mujoco=={version}") from error
         if mujoco.__version__ != version:
-            raise RuntimeError(f"MuJoCo is {mujoco.__version__} here, expected {version}: pip install mujoco=={version}")
-        self._mujoco: Any = mujoco
+            raise BadTarget(
+                f"MuJoCo in {sys.executable} is {mujoco.__version__}, expected {version}: pip install mujoco=={version}"
+            )
+        self._mujoco = mujoco
         self._pristine = mujoco.MjModel.from_xml_string(robot.mjcf)
         self._substeps, self._torso = robot.substeps, robot.torso + 1
         self._joint_positions = np.array([joint.position for joint in robot.joints])

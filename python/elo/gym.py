@@ -82,17 +82,6 @@ def make(
     return environment
 
 
-def conformance(config: Mapping[str, Any]) -> list[str]:
-    """The rules of simulators that a config's simulator breaks; empty when it keeps them all. Prints a report.
-
-    Takes about 8,000 steps. The rule to look for in an environment of one's own is that episodes repeat bit for bit, in a
-    fresh object, in a used one, in another order and after an error: without it no result can be trusted.
-    """
-    broken, report = _elo.conformance(json.dumps(dict(config)))
-    print(report)
-    return broken
-
-
 class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
     """An environment in which an action is an option that runs to its end.
 

@@ -4,6 +4,7 @@
 use elo_core::plugin::Plugin;
 use pyo3::prelude::*;
 
+mod conformance;
 mod options;
 mod simulators;
 
@@ -17,9 +18,11 @@ mod _elo {
     use pyo3::prelude::*;
 
     #[pymodule_export]
+    use crate::conformance::conformance;
+    #[pymodule_export]
     use crate::options::Options;
     #[pymodule_export]
-    use crate::simulators::{Simulator, conformance};
+    use crate::simulators::Simulator;
 
     /// Version and processor class of this build, which the program `elo` must share.
     #[pyfunction]

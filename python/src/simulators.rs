@@ -1,6 +1,6 @@
 //! This project's simulators, for Python programs.
 
-use elo_core::conformance::simulator::Case;
+use elo_core::hosted::Hosted;
 use elo_core::simulator::{End, Simulator as CoreSimulator, SimulatorConfig, Start, State};
 use elo_core::task::Task;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
@@ -19,12 +19,12 @@ fn failed(error: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
 }
 
-fn refused(error: impl std::fmt::Display) -> PyErr {
+pub fn refused(error: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
 /// A config, complete: one whose simulator only its environment knows has asked it.
-fn config(text: &str) -> PyResult<Box<dyn SimulatorConfig>> {
+pub fn config(text: &str) -> PyResult<Box<dyn SimulatorConfig>> {
     // Kinds are found by name, so their crates must be linked.
     let _linked = crate::PLUGINS;
     let mut config: Box<dyn SimulatorConfig> = serde_json::from_str(text).map_err(refused)?;
@@ -33,19 +33,17 @@ fn config(text: &str) -> PyResult<Box<dyn SimulatorConfig>> {
     if let Some(fault) = faults.found().first() {
         return Err(refused(fault));
     }
-    if let Some(hosted) = config.hosted_mut().filter(|hosted| hosted.needs_description()) {
-        let description = hosted.describe().map_err(refused)?;
-        hosted.accept_description(&description).map_err(refused)?;
-    }
+    config.hosted_mut().map_or(Ok(()), described)?;
     Ok(config)
 }
 
-/// Tries every rule of simulators on a config: the rules that it breaks, and a report on all.
-#[pyfunction]
-pub fn conformance(py: Python<'_>, config_json: &str) -> PyResult<(Vec<String>, String)> {
-    let case = Case::new(config(config_json)?);
-    let report = py.detach(|| elo_core::conformance::simulator::run(&case));
-    Ok((report.failed().into_iter().map(str::to_owned).collect(), report.to_string()))
+/// Tells a plugin what it is, as its worker would.
+pub fn described(hosted: &mut dyn Hosted) -> PyResult<()> {
+    if !hosted.needs_description() {
+        return Ok(());
+    }
+    let description = hosted.describe().map_err(refused)?;
+    hosted.accept_description(&description).map_err(refused)
 }
 
 #[pymethods]

@@ -71,9 +71,10 @@ def test_a_state_that_was_read_is_gone_on_from(option_set: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*Box observation space.*")
-def test_environments_pass_gymnasiums_check() -> None:
-    for robot in ("ant", "half-cheetah", "walker2d"):
-        check_env(elo.gym.make({"kind": "rapier", "robot": robot}).unwrapped, skip_render_check=True)
+@pytest.mark.parametrize("engine", ["rapier", "mujoco"])
+@pytest.mark.parametrize("robot", ["ant", "half-cheetah", "walker2d"])
+def test_environments_pass_gymnasiums_check(engine: str, robot: str) -> None:
+    check_env(elo.gym.make({"kind": engine, "robot": robot}).unwrapped, skip_render_check=True)
 
 
 def test_tasks_price_and_limits_truncate() -> None:

@@ -6,7 +6,7 @@ import csv
 import json
 from pathlib import Path
 
-import elo.gym
+import elo.conformance
 import pytest
 from conftest import Discover
 
@@ -81,13 +81,32 @@ def test_the_conformance_suite(state: bool, monkeypatch: pytest.MonkeyPatch) -> 
     config = {"kind": "python", "target": "toys:Mass", "reward_floor": -10.0}
     if state:
         config["state"] = {}
-    assert elo.gym.conformance(config) == []
+    assert elo.conformance.simulator(config) == []
+
+
+@pytest.mark.parametrize("robot", ["ant", "half-cheetah", "walker2d"])
+def test_the_conformance_suite_of_mujocos_bodies(robot: str) -> None:
+    assert elo.conformance.simulator({"kind": "python_body", "robot": robot}) == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"target": "elo.bodies:Reading"}, "has no method `set_dynamics`"),
+        ({"kwargs": {"version": "2.0.0"}}, "expected 2.0.0: pip install mujoco==2.0.0"),
+        ({"robot": "unicorn"}, "no robot"),
+        ({"target": "elo.bodies"}, "expected `module:callable`"),
+    ],
+)
+def test_what_is_no_body_is_refused(fields: dict[str, object], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        elo.conformance.simulator({"kind": "python_body", "robot": "ant", **fields})
 
 
 def test_conformance_finds_what_is_not_repeatable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent / "environments"))
     config = {"kind": "python", "target": "toys:Wrong", "kwargs": {"how": "hidden counter"}}
-    assert "a_used_object_repeats" in elo.gym.conformance(config)
+    assert "a_used_object_repeats" in elo.conformance.simulator(config)
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,11 @@ use elo_core::crew::{Crew, Hosts, RunError, Staff, Unwatched};
 use elo_core::discover::{Discovery, Run, discover};
 use elo_core::experiment::Experiment;
 use elo_core::fault::Faults;
+use elo_core::hosted::WorkerProgram;
 use elo_core::policy::PolicyFormat;
 use elo_core::report::{Report, report};
 use elo_core::results;
 use elo_core::run_dir::RunDir;
-use elo_core::hosted::WorkerProgram;
 use elo_core::worker::{WorkerFault, WorkerProcess};
 
 use crate::PLUGINS;

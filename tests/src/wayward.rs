@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use elo_core::conformance::point_mass::PointMassConfig;
 use elo_core::fault::Faults;
+use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::plugin::Plugin;
 use elo_core::policy::{Demonstration, OptionLearner, OptionPolicy, PolicyFormat, PolicyRecord};
 use elo_core::seed::{Seed, Stream};
-use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
 };

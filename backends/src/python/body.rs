@@ -101,10 +101,7 @@ impl PythonBody {
     }
 
     /// Makes a call, then takes over what it left in `reading`.
-    fn call(
-        &mut self,
-        call: impl FnOnce(&Self, Python<'_>) -> PyResult<()>,
-    ) -> Result<(), SimulatorError> {
+    fn call(&mut self, call: impl FnOnce(&Self, Python<'_>) -> PyResult<()>) -> Result<(), SimulatorError> {
         let done = Python::attach(|py| {
             let _call = Call::begin();
             call(self, py)?;

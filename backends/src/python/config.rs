@@ -217,7 +217,7 @@ impl SimulatorConfig for PythonConfig {
         let described = self
             .described
             .as_ref()
-            .ok_or_else(|| BuildError::Robot(format!("`{}` has not been asked what it is", self.target)))?;
+            .ok_or_else(|| BuildError::Code(format!("`{}` has not been asked what it is", self.target)))?;
         Ok(self.spec_with(described))
     }
 

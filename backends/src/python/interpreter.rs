@@ -24,7 +24,6 @@ pub fn array<T: Element>(bridge: &Bound<'_, PyAny>, name: &str) -> PyResult<Py<P
     Ok(bridge.getattr(name)?.cast_into::<PyArray1<T>>()?.unbind())
 }
 
-
 /// An exception with its traceback; those of our own kind are for users and need none.
 pub fn told(error: &PyErr) -> String {
     Python::attach(|py| {
@@ -37,5 +36,5 @@ pub fn told(error: &PyErr) -> String {
 
 /// An exception while something was made.
 pub fn refused(error: PyErr) -> BuildError {
-    BuildError::Robot(told(&error))
+    BuildError::Code(told(&error))
 }

@@ -44,8 +44,9 @@ const WORKER: WorkerProgram = WorkerProgram::Interpreter("python");
 fn missing() -> BuildError {
     BuildError::MissingEngine {
         engine: "Python".to_owned(),
-        remedy: "what is written in Python runs in `python -m elo.worker`; install it with `pip install ./python`"
-            .to_owned(),
+        remedy:
+            "what is written in Python runs in `python -m elo.worker`; install it with `pip install ./python`"
+                .to_owned(),
     }
 }
 

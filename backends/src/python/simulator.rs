@@ -53,9 +53,9 @@ impl PythonSimulator {
         });
         let (described, action, observation, terms, step, bridge) = made.map_err(refused)?;
         let described: Described =
-            serde_json::from_str(&described).map_err(|error| BuildError::Robot(error.to_string()))?;
+            serde_json::from_str(&described).map_err(|error| BuildError::Code(error.to_string()))?;
         if let Some(expected) = config.described.as_ref().filter(|expected| **expected != described) {
-            return Err(BuildError::Robot(format!(
+            return Err(BuildError::Code(format!(
                 "`{}` is not what it was when the config was read: {described:?} instead of {expected:?}",
                 config.target
             )));

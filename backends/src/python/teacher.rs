@@ -5,7 +5,7 @@ use std::path::Path;
 
 use elo_core::fault::Faults;
 use elo_core::hosted::{Hosted, WorkerProgram};
-use elo_core::policy::{Lesson, Monitor, TeacherConfig, TeacherPolicy, TrainError, Trained};
+use elo_core::policy::{Lesson, Monitor, Snapshot, TeacherConfig, TeacherPolicy, TrainError, Trained};
 use elo_core::seed::Seed;
 use elo_core::simulator::BuildError;
 use elo_core::spec::SimulatorSpec;
@@ -58,19 +58,36 @@ pub(super) struct Call {
 /// The tensor in which a stored teacher keeps its [`Call`]: the bytes of its JSON, a number each.
 const CALL: &str = "call";
 
+/// The tensor that says for which robot: its numbers of observations and actions.
+const ROBOT: &str = "robot";
+
 impl Call {
-    fn to_tensors(&self) -> Tensors {
+    fn to_tensors(&self, spec: &SimulatorSpec) -> Tensors {
         let text = serde_json::to_string(self).expect("plain data");
         let mut tensors = Tensors::default();
         tensors.insert(CALL, &[text.len()], text.bytes().map(f32::from).collect());
+        tensors.insert(ROBOT, &[2], sizes(spec));
         tensors
     }
 
-    fn of(tensors: &Tensors) -> Result<Self, TensorError> {
-        let unread = |error: String| TensorError::Malformed(format!("`{CALL}`: {error}"));
-        let bytes: Vec<u8> = tensors.get(CALL)?.data.iter().map(|x| *x as u8).collect();
-        serde_json::from_slice(&bytes).map_err(|error| unread(error.to_string()))
+    fn of(tensors: &Tensors, spec: &SimulatorSpec) -> Result<Self, TensorError> {
+        let [found, expected] = [tensors.get_shaped(ROBOT, &[2])?, &sizes(spec)];
+        if found != expected {
+            let why = format!(
+                "the teacher is of another robot: {found:?} observations and actions, expected {expected:?}"
+            );
+            return Err(TensorError::Unmade(why));
+        }
+        let numbers = tensors.get_shaped(CALL, &[tensors.get(CALL)?.data.len()])?;
+        let bytes: Option<Vec<u8>> =
+            numbers.iter().map(|x| (*x as u8 as f32 == *x).then_some(*x as u8)).collect();
+        let read = bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        read.ok_or_else(|| TensorError::Malformed(format!("`{CALL}` holds no task and seed")))
     }
+}
+
+fn sizes(spec: &SimulatorSpec) -> Vec<f32> {
+    vec![spec.observation_size as f32, spec.action_size() as f32]
 }
 
 #[typetag::serde(name = "python")]
@@ -97,11 +114,14 @@ impl TeacherConfig for PythonTeacherConfig {
         0
     }
 
-    fn train(&self, lesson: &Lesson<'_>, _: &mut dyn Monitor) -> Result<Trained, TrainError> {
+    fn train(&self, lesson: &Lesson<'_>, monitor: &mut dyn Monitor) -> Result<Trained, TrainError> {
+        monitor.progress(0, self.simulator_steps())?;
         let call = Call { task: lesson.task.clone(), seed: lesson.seed.number() };
-        let policy = call.to_tensors();
-        self.load(&policy, &lesson.simulator.spec()?).map_err(|error| TrainError::Other(error.to_string()))?;
-        Ok(Trained { policy, snapshots: Vec::new(), curve: Vec::new() })
+        let spec = lesson.simulator.spec()?;
+        let policy = call.to_tensors(&spec);
+        self.load(&policy, &spec).map_err(|error| TrainError::Other(error.to_string()))?;
+        let snapshots = vec![Snapshot { steps: 0, policy: policy.clone() }];
+        Ok(Trained { policy, snapshots, curve: Vec::new() })
     }
 
     fn untrained(&self, _: &SimulatorSpec, _: &Seed) -> Option<Tensors> {
@@ -110,13 +130,13 @@ impl TeacherConfig for PythonTeacherConfig {
 
     #[cfg(feature = "python")]
     fn load(&self, tensors: &Tensors, spec: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {
-        let policy = super::policy::PythonPolicy::new(self, &Call::of(tensors)?, spec);
+        let policy = super::policy::PythonPolicy::new(self, &Call::of(tensors, spec)?, spec);
         Ok(Box::new(policy.map_err(|error| TensorError::Unmade(error.to_string()))?))
     }
 
     #[cfg(not(feature = "python"))]
-    fn load(&self, tensors: &Tensors, _: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {
-        Call::of(tensors)?;
+    fn load(&self, tensors: &Tensors, spec: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {
+        Call::of(tensors, spec)?;
         Err(TensorError::Unmade(super::missing().to_string()))
     }
 
@@ -151,14 +171,21 @@ impl Hosted for PythonTeacherConfig {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use elo_core::conformance::point_mass::PointMassConfig;
+
     use super::*;
 
     #[test]
     fn what_a_policy_is_made_of_survives_as_tensors() {
         let call = Call { task: Task::new([("price", -1.25)]), seed: u64::MAX };
-        let back = Call::of(&Tensors::decode(&call.to_tensors().encode()).unwrap()).unwrap();
+        let spec = PointMassConfig::default().description();
+        let tensors = Tensors::decode(&call.to_tensors(&spec).encode()).unwrap();
+        let back = Call::of(&tensors, &spec).unwrap();
         assert_eq!((back.task, back.seed), (call.task, call.seed));
-        assert!(Call::of(&Tensors::default()).is_err());
+        assert!(Call::of(&Tensors::default(), &spec).is_err());
+        let mut other = spec.clone();
+        other.observation_size += 1;
+        assert!(Call::of(&tensors, &other).unwrap_err().to_string().contains("another robot"));
     }
 
     #[test]

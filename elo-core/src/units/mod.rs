@@ -97,7 +97,9 @@ impl Work {
     /// others too, or else the simulator's worker.
     pub fn worker(&self) -> Option<WorkerProgram> {
         let programs = || self.hosted().into_iter().map(Hosted::worker);
-        programs().find(|program| matches!(program, WorkerProgram::Interpreter(_))).or_else(|| programs().next())
+        programs()
+            .find(|program| matches!(program, WorkerProgram::Interpreter(_)))
+            .or_else(|| programs().next())
     }
 
     /// The unit's key, see [`Key`].

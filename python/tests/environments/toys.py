@@ -90,3 +90,36 @@ class Wrong(Mass):
         if self.how == "no reward":
             reward = None
         return observation, reward, terminated, truncated, info
+
+
+def controller(task: dict[str, float], seed: int, gain: float = 2.0, how: str = "") -> Any:
+    """A teacher of `Mass`: pushes towards the task's goal. Goes wrong in the way called `how`."""
+    if how == "no policy":
+        return 3
+
+    def act(observation: Any, noise: np.random.Generator | None) -> Any:
+        if how == "raises" and abs(observation[0]) > 0.01:
+            raise RuntimeError("the teacher has gone home")
+        force = gain * (task.get("goal", 1.0) - observation[0]) - gain * observation[1]
+        if noise is not None:
+            force += 0.1 * noise.standard_normal()
+        action = np.clip([force], -1.0, 1.0)
+        return {"two actions": np.zeros(2), "text": np.array(["left"]), "nan": action * np.nan}.get(how, action)
+
+    return act
+
+
+def replayer(task: dict[str, float], seed: int, weights: str) -> Any:
+    """A teacher of any robot, from a file: actions are `weights` times the observation."""
+    matrix = np.load(weights)
+    return lambda observation, noise: np.tanh(matrix @ observation)
+
+
+def cvar(returns: Any, mean: float, standard_deviation: float, share: float = 0.5, how: str = "") -> Any:
+    """The mean of the worst returns. Goes wrong in the way called `how`."""
+    assert returns.ndim == 2 and np.isfinite([mean, standard_deviation]).all()
+    if how == "raises":
+        raise RuntimeError("nothing is good enough")
+    count = max(1, int(share * returns.shape[1]))
+    scores = np.sort(returns, axis=1)[:, :count].mean(axis=1)
+    return {"one number": scores.sum(), "text": scores.astype(str), "nan": scores * np.nan}.get(how, scores)

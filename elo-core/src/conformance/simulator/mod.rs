@@ -154,7 +154,9 @@ impl Case {
     fn build(&self, config: &dyn SimulatorConfig) -> Result<Box<dyn Simulator>, Finding> {
         (self.builder)(config).map_err(|error| match error {
             BuildError::MissingEngine { .. } => Finding::Skipped(error.to_string()),
-            BuildError::Robot(_) => Violation::new("build", "a simulator", error).into(),
+            BuildError::Robot(_) | BuildError::Code(_) => {
+                Violation::new("build", "a simulator", error).into()
+            }
         })
     }
 
