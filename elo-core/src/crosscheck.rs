@@ -275,12 +275,18 @@ fn pair(
     })
 }
 
-/// The first control step whose observations differ by more than [`PARTED`], or at which only one goes on.
+/// The first control step whose observations differ by more than [`PARTED`], or at which only one goes on. Components that
+/// are 0 or 1 in all of both are flags, such as foot contacts: they differ by a step long before anything is far apart, and
+/// are left out.
 fn parted_after(a: &[f32], b: &[f32], size: usize) -> f64 {
-    let steps = a.chunks_exact(size).zip(b.chunks_exact(size));
-    let apart = |(a, b): (&[f32], &[f32])| a.iter().zip(b).any(|(a, b)| (a - b).abs() > PARTED);
+    let is_flag = |component: usize| {
+        let values = a.iter().skip(component).step_by(size).chain(b.iter().skip(component).step_by(size));
+        values.into_iter().all(|value| *value == 0.0 || *value == 1.0)
+    };
+    let compared: Vec<usize> = (0..size).filter(|component| !is_flag(*component)).collect();
+    let apart = |(a, b): (&[f32], &[f32])| compared.iter().any(|i| (a[*i] - b[*i]).abs() > PARTED);
     let common = a.len().min(b.len()) / size;
-    steps.into_iter().position(apart).unwrap_or(common) as f64
+    a.chunks_exact(size).zip(b.chunks_exact(size)).position(apart).unwrap_or(common) as f64
 }
 
 #[cfg(test)]
@@ -293,5 +299,8 @@ mod tests {
         assert_eq!(parted_after(&a, &b, 2), 2.0);
         assert_eq!(parted_after(&a, &a, 2), 3.0);
         assert_eq!(parted_after(&a[..4], &a, 2), 2.0);
+        // The first component is a flag that differs at once, the second parts in the third step.
+        let (a, b) = ([0.0, 0.2, 1.0, 0.2, 1.0, 0.2], [1.0, 0.2, 1.0, 0.2, 0.0, 0.4]);
+        assert_eq!(parted_after(&a, &b, 2), 2.0);
     }
 }

@@ -136,11 +136,25 @@ def test_no_python_is_told(discover: Discover, tmp_path: Path) -> None:
         assert ran.returncode == 2 and "pip install ./python" in ran.stderr, ran.stderr
 
 
-def test_raising_once_ends_nothing(discover: Discover, tmp_path: Path) -> None:
-    """What raises is not tried again: the rollout, or the episode of training, is counted as failed."""
+def test_raising_once_in_training_ends_nothing(discover: Discover, tmp_path: Path) -> None:
+    """The episode of training is counted as failed."""
     marker = tmp_path / "marker"
     ran = discover(wrong("raises", marker, 0.52))
     assert ran.returncode == 0 and marker.exists(), ran.stderr
+
+
+def test_raising_once_in_a_rollout_changes_no_byte(discover: Discover, tmp_path: Path) -> None:
+    """It is tried again in a new environment, with the same seeds. No training comes before it here."""
+    marker = tmp_path / "marker"
+    taught = ["--set", 'teacher={kind="python",target="toys:controller"}']
+    ran = discover(wrong("raises", marker, 0.52), *taught)
+    assert ran.returncode == 0 and marker.exists() and failures(tmp_path / "run") == [], ran.stderr
+    assert discover(wrong("raises", marker, 0.52), *taught, out="undisturbed").returncode == 0
+    assert same(tmp_path / "run" / "results", tmp_path / "undisturbed" / "results")
+    # What raises each time is a recorded failure, with its traceback.
+    assert discover(wrong("raises", at=0.9), *taught, out="always").returncode == 0
+    lost = failures(tmp_path / "always")
+    assert lost and all("the motor is on fire" in row["reason"] for row in lost)
 
 
 @pytest.mark.parametrize("how", ["exits", "aborts", "segfaults", "hangs", "sleeps"])

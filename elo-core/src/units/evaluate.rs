@@ -3,12 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::codec::{self, Malformed};
+use super::play::Play;
 use super::{Site, Work, WorkError, input, learn, prepare, record};
 use crate::agent::{Agent, InfantAgent, RandomTorque, Taught, ZeroTorque};
 use crate::context::Context;
 use crate::hosted::Hosted;
 use crate::policy::{Monitor, OptionPolicy, TeacherConfig, TeacherPolicy};
-use crate::rollout::{Ending, Horizon, Rollout, rollout};
+use crate::rollout::{Ending, Horizon, Rollout};
 use crate::seed::Seed;
 use crate::simulator::SimulatorConfig;
 use crate::spec::SimulatorSpec;
@@ -114,28 +115,17 @@ impl Evaluate {
         site: &mut Site,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
-        let spec = site.simulator(self.simulator.as_ref())?.spec().clone();
         let contexts = self.read_contexts(inputs)?;
-        let cast: Vec<Cast> = self
-            .subjects
-            .iter()
-            .map(|subject| subject.cast(inputs, site, &spec))
-            .collect::<Result<_, _>>()?;
-        let simulator = site.simulator(self.simulator.as_ref())?;
-        let total = (cast.len() * contexts.len()) as u64;
-        let mut rollouts = Vec::with_capacity(cast.len() * contexts.len());
-        for (subject, cast) in self.subjects.iter().zip(&cast) {
-            let seed = self.seed.child(&subject.name);
-            for (j, context) in contexts.iter().enumerate() {
-                monitor.progress(rollouts.len() as u64, total)?;
-                let mut noise = seed.index(j as u64).stream();
-                rollouts.push(cast.play(&spec, |agent| {
-                    rollout(&mut *simulator, agent, context, &self.horizon, &mut noise)
-                }));
-            }
-        }
-        let table = RolloutTable { terms: spec.reward_terms.len(), contexts: contexts.len(), rollouts };
-        Ok(table.encode())
+        let play = Play {
+            simulator: self.simulator.as_ref(),
+            subjects: &self.subjects,
+            horizon: &self.horizon,
+            seed: &self.seed,
+        };
+        let played: Vec<(Rollout, ())> = play.run(&contexts, inputs, site, monitor)?;
+        let terms = self.simulator.spec()?.reward_terms.len();
+        let rollouts = played.into_iter().map(|(rollout, ())| rollout).collect();
+        Ok(RolloutTable { terms, contexts: contexts.len(), rollouts }.encode())
     }
 }
 

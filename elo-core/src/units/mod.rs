@@ -9,6 +9,7 @@ pub mod codec;
 pub mod describe;
 pub mod evaluate;
 pub mod learn;
+mod play;
 pub mod prepare;
 pub mod record;
 pub mod score;
@@ -180,11 +181,15 @@ impl Site {
 
     /// The simulator of `config`, built once.
     fn simulator(&mut self, config: &dyn SimulatorConfig) -> Result<&mut dyn Simulator, BuildError> {
-        let name = serde_json::to_string(config).expect("a config is plain data");
-        Ok(match self.simulators.entry(name) {
+        Ok(match self.simulators.entry(name(config)) {
             std::collections::btree_map::Entry::Occupied(built) => built.into_mut().as_mut(),
             std::collections::btree_map::Entry::Vacant(place) => place.insert(config.build()?).as_mut(),
         })
+    }
+
+    /// Has the simulator of `config` built anew when it is asked for next.
+    fn forget(&mut self, config: &dyn SimulatorConfig) {
+        self.simulators.remove(&name(config));
     }
 
     fn format(&self, name: &str) -> Result<PolicyFormat, WorkError> {
@@ -193,6 +198,10 @@ impl Site {
             .copied()
             .ok_or_else(|| WorkError::Failed(format!("no plugin reads policies of format `{name}`")))
     }
+}
+
+fn name(config: &dyn SimulatorConfig) -> String {
+    serde_json::to_string(config).expect("a config is plain data")
 }
 
 /// Why a unit has no result.

@@ -87,6 +87,7 @@ impl Record {
         let mut agent =
             Taught { policy: teachers[teacher].as_ref(), sampling: self.acts == TeacherActs::Sample };
         let mut context = Context { task, start: PreparedStart::standard(0) };
+        let mut failures = Vec::new();
         for take in 0..=self.max_retakes {
             let seed = seed.child("take").index(u64::from(take));
             let start = self.initial_states.draw(simulator, &context.task, &seed.child("start"));
@@ -95,19 +96,30 @@ impl Record {
             let setting = Setting { context: &context, horizon: &self.horizon };
             let noise = &mut seed.child("noise").stream();
             let result = watched(simulator, &mut agent, setting, noise, &mut tape);
-            if let (Ending::Failed(reason), true) = (&result.ending, self.teacher.hosted().is_some()) {
-                return Err(WorkError::Failed(reason.clone()));
-            }
-            if result.ending == Ending::Horizon {
-                return Ok(Recording {
-                    teacher,
-                    retakes: take,
-                    teacher_return: price(&result.term_sums, &prices),
-                    demonstration: Some(tape.cut(self.horizon.steps)),
-                });
+            match result.ending {
+                Ending::Horizon => {
+                    return Ok(Recording {
+                        teacher,
+                        retakes: take,
+                        teacher_return: price(&result.term_sums, &prices),
+                        demonstration: Some(tape.cut(self.horizon.steps)),
+                    });
+                }
+                Ending::Failed(reason) => failures.push(reason),
+                Ending::Terminated | Ending::Truncated => {}
             }
         }
-        Ok(Recording { teacher, retakes: self.max_retakes, teacher_return: 0.0, demonstration: None })
+        // A teacher of the user's own whose every take fails does not act at all.
+        match failures.pop() {
+            Some(reason)
+                if self.teacher.hosted().is_some() && failures.len() == self.max_retakes as usize =>
+            {
+                Err(WorkError::Failed(reason))
+            }
+            _ => {
+                Ok(Recording { teacher, retakes: self.max_retakes, teacher_return: 0.0, demonstration: None })
+            }
+        }
     }
 }
 

@@ -4,9 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use super::codec::{self, Malformed};
 use super::evaluate::Subject;
+use super::play::Play;
 use super::{Site, Work, WorkError, input, prepare};
 use crate::policy::Monitor;
-use crate::rollout::{Horizon, Setting, Witness, watched};
+use crate::rollout::{Horizon, Rollout, Witness};
 use crate::seed::Seed;
 use crate::simulator::SimulatorConfig;
 
@@ -27,6 +28,7 @@ pub struct Trace {
 /// The observations of one rollout, one after the other; the first is that of the start.
 pub type Seen = Vec<f32>;
 
+#[derive(Default)]
 struct Eyes(Seen);
 
 impl Witness for Eyes {
@@ -42,26 +44,15 @@ impl Trace {
         site: &mut Site,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
-        let spec = site.simulator(self.simulator.as_ref())?.spec().clone();
         let contexts = prepare::decode(input(inputs, 0)?)?;
-        let cast: Vec<_> = self
-            .subjects
-            .iter()
-            .map(|subject| subject.cast(inputs, site, &spec))
-            .collect::<Result<_, _>>()?;
-        let simulator = site.simulator(self.simulator.as_ref())?;
-        let (mut seen, total) = (Vec::new(), (cast.len() * contexts.len()) as u64);
-        for (subject, cast) in self.subjects.iter().zip(&cast) {
-            let seed = self.seed.child(&subject.name);
-            for (j, context) in contexts.iter().enumerate() {
-                monitor.progress(seen.len() as u64, total)?;
-                let (mut noise, mut eyes) = (seed.index(j as u64).stream(), Eyes(Vec::new()));
-                let setting = Setting { context, horizon: &self.horizon };
-                cast.play(&spec, |agent| watched(&mut *simulator, agent, setting, &mut noise, &mut eyes));
-                seen.push(eyes.0);
-            }
-        }
-        Ok(encode(&seen))
+        let play = Play {
+            simulator: self.simulator.as_ref(),
+            subjects: &self.subjects,
+            horizon: &self.horizon,
+            seed: &self.seed,
+        };
+        let played: Vec<(Rollout, Eyes)> = play.run(&contexts, inputs, site, monitor)?;
+        Ok(encode(&played.into_iter().map(|(_, eyes)| eyes.0).collect::<Vec<_>>()))
     }
 }
 

@@ -66,6 +66,7 @@ class Bridge:
         self._names = [term["name"] for term in self._config["reward_terms"]]
         self.action = np.zeros(self._low.size, np.float32)
         self.observation = np.zeros(int(np.prod(self._observation_shape)), np.float32)
+        self._shown = self.observation.reshape(self._observation_shape)
         self.terms = np.zeros(max(len(self._names), 1), np.float64)
         self._elapsed = 0
         self._sizes: tuple[int, ...] | None = None
@@ -150,9 +151,9 @@ class Bridge:
 
     def step(self) -> int:
         """Takes `action`; 0 while the episode goes on, 1 when it terminated, 2 when it was truncated."""
-        action = self.action.astype(self._action_dtype).reshape(self._action_shape)
-        given = self._env.step(action)
-        if not (isinstance(given, tuple) and len(given) == 5):
+        # An engine leaves nothing of this in the processor's caches, so each lookup counts.
+        given = self._env.step(self.action.astype(self._action_dtype).reshape(self._action_shape))
+        if type(given) is not tuple or len(given) != 5:
             raise BadTarget(
                 "step must give (observation, reward, terminated, truncated, info); this is Gymnasium's interface since "
                 f"0.26, got {type(given).__name__}" + (f" of {len(given)}" if isinstance(given, tuple) else "")
@@ -160,7 +161,10 @@ class Bridge:
         observation, reward, terminated, truncated, info = given
         self._elapsed += 1
         self._see(observation, "step")
-        self._price(reward, info)
+        if type(reward) is float and not self._names:
+            self.terms[0] = reward
+        else:
+            self._price(reward, info)
         return 1 if terminated else 2 if truncated else 0
 
     def _take_parameters(self, values: Sequence[float]) -> dict[str, float]:
@@ -184,18 +188,20 @@ class Bridge:
         return options
 
     def _see(self, observation: Any, where: str) -> None:
-        array = np.asarray(observation)
+        array = observation if type(observation) is np.ndarray else np.asarray(observation)
         if array.shape != self._observation_shape:
             raise BadTarget(
                 f"{where} gave an observation of shape {array.shape}, its space says {self._observation_shape}"
             )
         if array.dtype.kind not in "fiub":
             raise BadTarget(f"{where} gave an observation of {array.dtype}, expected numbers")
-        self.observation[:] = array.reshape(-1)
+        self._shown[...] = array
 
     def _price(self, reward: Any, info: Any) -> None:
         if not self._names:
-            if not isinstance(reward, (int, float, np.number, np.ndarray)) or np.ndim(reward) != 0:
+            if not isinstance(reward, (int, float, np.number)) and not (
+                isinstance(reward, np.ndarray) and reward.ndim == 0
+            ):
                 raise BadTarget(f"step gave the reward {reward!r}, expected a number")
             self.terms[0] = reward
             return

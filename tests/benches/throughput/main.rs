@@ -1,12 +1,13 @@
 //! What the program costs beside its engines, as ratios measured within one run:
 //!
-//! `cargo bench -p elo-tests --features mujoco --bench throughput [-- candidates|workers|ppo ...]`
+//! `cargo bench -p elo-tests --features mujoco --bench throughput [-- candidates|workers|bridge|ppo ...]`
 //!
 //! Without the feature only Rapier runs inside this program. Worker processes are measured when `elo-mujoco` lies where
-//! `tests/set-up` builds it, and Stable-Baselines3 when `python3` has it. To put both sides of that comparison on one
+//! `tests/set-up` builds it, the bridge to Python when its virtual environment is there, and Stable-Baselines3 when `python3` has it. To put both sides of that comparison on one
 //! core: `taskset -c 0 cargo bench ... -- ppo`.
 
 mod bare;
+mod bridge;
 mod candidates;
 mod ppo;
 mod processor_time;
@@ -17,13 +18,17 @@ mod workers;
 use std::error::Error;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let sections: [(&str, Section); 3] =
-        [("candidates", candidates::run), ("workers", workers::run), ("ppo", ppo::run)];
+    let sections: [(&str, Section); 4] = [
+        ("candidates", candidates::run),
+        ("workers", workers::run),
+        ("bridge", bridge::run),
+        ("ppo", ppo::run),
+    ];
     // Cargo adds `--bench`.
     let asked: Vec<String> =
         std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
     if let Some(unknown) = asked.iter().find(|name| sections.iter().all(|(section, _)| section != name)) {
-        return Err(format!("no section `{unknown}`; there are candidates, workers and ppo").into());
+        return Err(format!("no section `{unknown}`; there are candidates, workers, bridge and ppo").into());
     }
     for (name, section) in sections {
         if asked.is_empty() || asked.iter().any(|one| one == name) {

@@ -7,19 +7,19 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use elo_core::context::InitialStates;
+use elo_core::context::{Context, PreparedStart};
 use elo_core::crew::{Crew, Hosts, Staff, Unit, Unwatched};
+use elo_core::discover::duplicate;
 use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::key::Key;
 use elo_core::rollout::Horizon;
 use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
-use elo_core::task::TaskDistribution;
-use elo_core::units::Span;
-use elo_core::units::evaluate::{Behavior, Evaluate, Place, Subject};
-use elo_core::units::learn;
-use elo_core::units::prepare::{Prepare, TaskSource};
+use elo_core::simulator::SimulatorConfig;
+use elo_core::task::Task;
+use elo_core::units::evaluate::{Behavior, Evaluate, Place, RolloutTable, Subject};
+use elo_core::units::{learn, prepare};
 use elo_core::worker::{Limits, WorkerFault, WorkerProcess};
 use elo_learners::open_loop::FORMAT;
 
@@ -49,7 +49,9 @@ pub fn run() -> Result<(), Box<dyn Error>> {
         for _ in 0..ROUNDS {
             for workers in [1, 2] {
                 let before = of_family();
-                times[workers - 1].push(evaluate(engine, workers)?);
+                let bout =
+                    Bout { simulator: simulator(engine, ROBOT), candidates: CANDIDATES, contexts: CONTEXTS };
+                times[workers - 1].push(bout.evaluate(&Beside, workers)?.seconds);
                 processor[workers - 1].push(of_family() - before);
             }
         }
@@ -81,56 +83,67 @@ impl Hosts for Beside {
     }
 }
 
-/// Seconds that the units of evaluation take; contexts are prepared before, so the workers are up.
-fn evaluate(engine: &str, workers: usize) -> Result<f64, Box<dyn Error>> {
-    let folder = tempfile::tempdir()?;
-    let run_dir = RunDir::open(folder.path().join("run"))?;
-    let stop = AtomicBool::new(false);
-    let staff = Staff { workers, formats: vec![FORMAT], program: fingerprint() };
-    let crew = Crew::new(staff, &run_dir, &Beside, &Unwatched, &stop);
-    let seed = Seed::root(1);
-    let mut inputs = crew.complete("prepare", &contexts(engine, &seed))?;
-    inputs.push(crew.import(&options(engine, &seed)?)?);
-    let units: Vec<Unit> = (0..CANDIDATES).map(|item| unit(engine, item, &inputs, &seed)).collect();
-    let begin = Instant::now();
-    crew.complete("evaluate", &units)?;
-    Ok(begin.elapsed().as_secs_f64())
+/// How long the units of evaluation took, and how many control steps that were.
+pub struct Evaluated {
+    pub seconds: f64,
+    pub steps: u64,
 }
 
-fn contexts(engine: &str, seed: &Seed) -> Vec<Unit> {
-    let prepare = |span| Prepare {
-        simulator: simulator(engine, ROBOT),
-        tasks: TaskSource::Distribution(TaskDistribution::default()),
-        initial_states: InitialStates::default(),
-        span,
-        seed: seed.child("contexts"),
-    };
-    let spans = Span::cut(CONTEXTS, CONTEXTS / 2);
-    spans.into_iter().map(|span| Unit { work: prepare(span).into(), inputs: Vec::new() }).collect()
+/// A unit of evaluation for each candidate, all in the same contexts: standard resets by the seeds 0, 1, ….
+pub struct Bout {
+    pub simulator: Box<dyn SimulatorConfig>,
+    pub candidates: usize,
+    pub contexts: usize,
 }
 
-/// The options of all candidates, as the learning stage writes them.
-fn options(engine: &str, seed: &Seed) -> Result<Vec<u8>, Box<dyn Error>> {
-    let spec = simulator(engine, ROBOT).spec()?;
-    let mut records = Vec::new();
-    for item in 0..CANDIDATES {
-        let actions = swinging(&spec, &seed.child("option").index(item as u64));
-        records.push(Some(option(&actions, &spec)?.record()));
+impl Bout {
+    /// Has the units done. A unit a worker is done before, so that all are up.
+    pub fn evaluate(&self, hosts: &dyn Hosts, workers: usize) -> Result<Evaluated, Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let run_dir = RunDir::open(folder.path().join("run"))?;
+        let stop = AtomicBool::new(false);
+        let staff = Staff { workers, formats: vec![FORMAT], program: fingerprint() };
+        let crew = Crew::new(staff, &run_dir, hosts, &Unwatched, &stop);
+        let seed = Seed::root(1);
+        let start = |seed| Context { task: Task::default(), start: PreparedStart::standard(seed) };
+        let contexts = prepare::encode(&(0..self.contexts as u64).map(start).collect::<Vec<_>>());
+        let contexts = crew.import(&contexts)?;
+        let units = (0..self.candidates + workers).map(|item| {
+            let spec = self.simulator.spec()?;
+            let option = option(&self.actions(item)?, &spec)?;
+            let option = crew.import(&learn::encode(&[Some(option.record())]))?;
+            Ok(self.unit(item, vec![contexts, option], &seed))
+        });
+        let units = units.collect::<Result<Vec<Unit>, Box<dyn Error>>>()?;
+        crew.complete("begin", &units[self.candidates..])?;
+        let begin = Instant::now();
+        let keys = crew.complete("evaluate", &units[..self.candidates])?;
+        let seconds = begin.elapsed().as_secs_f64();
+        let mut steps = 0;
+        for key in &keys {
+            let table = RolloutTable::decode(&crew.result(key)?)?;
+            steps += table.rollouts.iter().map(|rollout| u64::from(rollout.length)).sum::<u64>();
+        }
+        Ok(Evaluated { seconds, steps })
     }
-    Ok(learn::encode(&records))
-}
 
-fn unit(engine: &str, item: usize, inputs: &[Key], seed: &Seed) -> Unit {
-    let options = vec![Place { input: inputs.len() - 1, item }];
-    let work = Evaluate {
-        simulator: simulator(engine, ROBOT),
-        subjects: vec![Subject {
-            name: item.to_string(),
-            behavior: Behavior::Infant { options, primitive_probability: 0.0 },
-        }],
-        contexts: inputs.len() - 1,
-        horizon: Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true },
-        seed: seed.child("evaluate"),
-    };
-    Unit { work: work.into(), inputs: inputs.to_vec() }
+    /// What a candidate does: [`STEPS`] rows.
+    pub fn actions(&self, item: usize) -> Result<Vec<f32>, Box<dyn Error>> {
+        Ok(swinging(&self.simulator.spec()?, &Seed::root(1).child("option").index(item as u64)))
+    }
+
+    fn unit(&self, item: usize, inputs: Vec<Key>, seed: &Seed) -> Unit {
+        let options = vec![Place { input: inputs.len() - 1, item: 0 }];
+        let work = Evaluate {
+            simulator: duplicate(&self.simulator),
+            subjects: vec![Subject {
+                name: item.to_string(),
+                behavior: Behavior::Infant { options, primitive_probability: 0.0 },
+            }],
+            contexts: inputs.len() - 1,
+            horizon: Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true },
+            seed: seed.child("evaluate"),
+        };
+        Unit { work: work.into(), inputs }
+    }
 }
