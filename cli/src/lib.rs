@@ -10,10 +10,10 @@
 
 mod arguments;
 mod commands;
-mod exit;
-mod hosts;
+pub mod exit;
+pub mod hosts;
 mod interrupt;
-mod load;
+pub mod load;
 mod output;
 mod progress;
 mod table;

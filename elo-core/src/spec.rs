@@ -88,6 +88,13 @@ pub struct Capabilities {
 }
 
 impl SimulatorSpec {
+    /// Brings each component of `action` between the bounds.
+    pub fn clip(&self, action: &mut [f32]) {
+        for (a, (low, high)) in action.iter_mut().zip(self.action_low.iter().zip(&self.action_high)) {
+            *a = a.clamp(*low, *high);
+        }
+    }
+
     /// Components of an action.
     pub fn action_size(&self) -> usize {
         self.action_low.len()

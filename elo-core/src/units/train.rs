@@ -170,7 +170,8 @@ struct Head {
 }
 
 impl TeacherResult {
-    fn encode(&self) -> Vec<u8> {
+    /// The bytes of the result.
+    pub fn encode(&self) -> Vec<u8> {
         let none = Trained { policy: Tensors::new(), snapshots: Vec::new(), curve: Vec::new() };
         let trained = self.trained.as_ref().unwrap_or(&none);
         let head = Head {

@@ -10,7 +10,9 @@ fn lines(program: &str, arguments: &[&str]) -> Vec<String> {
 
 #[test]
 fn learning_curves() {
-    let arguments = ["rapier", "half-cheetah", "4096", "2", "snapshots=2", "d0_pool=2"];
+    let config = concat!(env!("CARGO_MANIFEST_DIR"), "/../half-cheetah-quick.toml");
+    let sizes = ["teacher.steps=4096", "teacher.snapshots=2", "teacher.d0_pool=2"];
+    let arguments = [&[config, "2"], &sizes[..]].concat();
     let lines = lines(env!("CARGO_BIN_EXE_learning-curves"), &arguments);
     assert_eq!(lines[0], "engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls");
     let mut begins: Vec<&str> = lines[1..].iter().map(|line| &line[..26]).collect();

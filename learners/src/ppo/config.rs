@@ -215,7 +215,7 @@ impl TeacherConfig for PpoConfig {
         let network = initial_policy(self, spec, seed);
         let log_std = vec![self.initial_log_std as f32; spec.action_size()];
         let normalizer = Normalizer::identity(spec.observation_size);
-        Some(GaussianMlpTeacher::new(NormalizedMlp::new(normalizer, network), log_std).to_tensors())
+        Some(GaussianMlpTeacher::new(NormalizedMlp::new(normalizer, network), log_std, spec).to_tensors())
     }
 
     fn load(&self, tensors: &Tensors, spec: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {

@@ -147,6 +147,8 @@ pub(super) struct Environment {
     index: u64,
     simulator: Box<dyn Simulator>,
     observation: Vec<f32>,
+    /// The action that is taken.
+    action: Vec<f32>,
     terms: Vec<f64>,
     episode: Episode,
 }
@@ -156,10 +158,12 @@ impl Environment {
     pub fn new(index: usize, simulator: Box<dyn Simulator>) -> Self {
         let (observation_size, terms) =
             (simulator.spec().observation_size, simulator.spec().reward_terms.len());
+        let actions = simulator.spec().action_size();
         Self {
             index: index as u64,
             simulator,
             observation: vec![0.0; observation_size],
+            action: vec![0.0; actions],
             terms: vec![0.0; terms],
             episode: Episode::default(),
         }
@@ -192,7 +196,7 @@ impl Environment {
         }
     }
 
-    /// Takes one control step.
+    /// Takes one control step. The action is clipped to its bounds first: what reaches no motor should cost nothing.
     ///
     /// # Errors
     /// As [`Tally::fail`].
@@ -202,7 +206,9 @@ impl Environment {
         course: &Course<'_>,
         tally: &mut Tally,
     ) -> Result<Outcome, TrainError> {
-        let stepped = self.simulator.step(action, &mut self.observation, &mut self.terms);
+        self.action.copy_from_slice(action);
+        self.simulator.spec().clip(&mut self.action);
+        let stepped = self.simulator.step(&self.action, &mut self.observation, &mut self.terms);
         let end = match stepped.and_then(|end| check_finite(&self.observation, &self.terms).map(|()| end)) {
             Ok(end) => end,
             Err(error) => return tally.fail(&error).map(|()| Outcome::Failed),

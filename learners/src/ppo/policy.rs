@@ -9,18 +9,20 @@ use crate::nn::fill_standard_normal;
 use crate::normalized_mlp::NormalizedMlp;
 
 /// A Gaussian policy: its mean is a network's output for the normalised observation, its standard deviations are the
-/// same everywhere. Samples may lie outside the action bounds.
+/// same everywhere. Actions are clipped to the robot's bounds.
 ///
 /// As tensors: those of [`NormalizedMlp`] and `log_std` `[action components]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaussianMlpTeacher {
     mean: NormalizedMlp,
     log_std: Vec<f32>,
+    low: Vec<f32>,
+    high: Vec<f32>,
 }
 
 impl GaussianMlpTeacher {
-    pub(super) fn new(mean: NormalizedMlp, log_std: Vec<f32>) -> Self {
-        Self { mean, log_std }
+    pub(super) fn new(mean: NormalizedMlp, log_std: Vec<f32>, spec: &SimulatorSpec) -> Self {
+        Self { mean, log_std, low: spec.action_low.clone(), high: spec.action_high.clone() }
     }
 
     pub(super) fn to_tensors(&self) -> Tensors {
@@ -45,14 +47,12 @@ impl GaussianMlpTeacher {
         if !log_std.iter().all(|x| x.is_finite()) {
             return Err(TensorError::NotFinite("log_std".to_owned()));
         }
-        Ok(Self { mean, log_std })
+        Ok(Self::new(mean, log_std, spec))
     }
 }
 
-impl TeacherPolicy for GaussianMlpTeacher {
-    fn act(&self, observation: &[f32], noise: Option<&mut Stream>, action: &mut [f32]) {
-        self.mean.evaluate(observation, action);
-        let Some(noise) = noise else { return };
+impl GaussianMlpTeacher {
+    fn explore(&self, noise: &mut Stream, action: &mut [f32]) {
         // Two at a time, which is how the stream gives them.
         for (means, log_std) in action.chunks_mut(2).zip(self.log_std.chunks(2)) {
             let mut normals = [0.0; 2];
@@ -60,6 +60,18 @@ impl TeacherPolicy for GaussianMlpTeacher {
             for ((a, z), log_std) in means.iter_mut().zip(normals).zip(log_std) {
                 *a += log_std.exp() * z;
             }
+        }
+    }
+}
+
+impl TeacherPolicy for GaussianMlpTeacher {
+    fn act(&self, observation: &[f32], noise: Option<&mut Stream>, action: &mut [f32]) {
+        self.mean.evaluate(observation, action);
+        if let Some(noise) = noise {
+            self.explore(noise, action);
+        }
+        for (a, (low, high)) in action.iter_mut().zip(self.low.iter().zip(&self.high)) {
+            *a = a.clamp(*low, *high);
         }
     }
 }
@@ -80,7 +92,9 @@ mod tests {
     fn sample(actions: usize) -> GaussianMlpTeacher {
         let network = Mlp::orthogonal(&[2, 4, actions], 1.0, &mut Seed::root(1).stream()).unwrap();
         let log_std = (0..actions).map(|i| -0.5 + 0.25 * i as f32).collect();
-        GaussianMlpTeacher::new(NormalizedMlp::new(Normalizer::identity(2), network), log_std)
+        let mut spec = PointMassConfig::default().description();
+        (spec.action_low, spec.action_high) = (vec![-1.0; actions], vec![1.0; actions]);
+        GaussianMlpTeacher::new(NormalizedMlp::new(Normalizer::identity(2), network), log_std, &spec)
     }
 
     #[test]
@@ -93,6 +107,7 @@ mod tests {
             teacher.act(&[0.3, -0.2], Some(&mut Seed::root(2).stream()), &mut ours);
             let head = DiagonalGaussian { means: &means, log_std: &teacher.log_std };
             head.sample(&mut Seed::root(2).stream(), &mut theirs);
+            theirs.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
             assert_eq!(ours, theirs);
             assert_ne!(ours, means);
         }

@@ -254,7 +254,7 @@ impl<'a> Training<'a> {
         if kept(done) > kept(done - 1) {
             let Learner { policy, log_std, .. } = &progress.learner;
             let teacher =
-                GaussianMlpTeacher::new(NormalizedMlp::new(normalizer, policy.clone()), log_std.clone());
+                GaussianMlpTeacher::new(NormalizedMlp::new(normalizer, policy.clone()), log_std.clone(), &self.spec);
             progress.snapshots.push(Snapshot { steps, policy: teacher.to_tensors() });
         }
     }

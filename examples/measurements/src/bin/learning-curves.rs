@@ -1,125 +1,132 @@
-//! Trains teachers on the default task of a robot and prints learning curves as CSV: the mean return of whole episodes
-//! (1000 control steps, standard reset, mean action, no exploration) of every policy kept during training.
+//! Trains teachers on the default task of a config's simulator and prints learning curves as CSV: the mean return of whole
+//! episodes (1000 control steps, standard reset, mean action, no exploration) of every policy kept during training.
 //!
 //! ```sh
-//! cargo run --release -p measurements --bin learning-curves -- rapier half-cheetah 2000000 3 > curve.csv
-//! cargo run --release -p measurements --features mujoco --bin learning-curves -- mujoco ant 2000000 3 gamma=0.99
+//! cargo run --release -p measurements --bin learning-curves -- examples/paper/ant.toml 3 > curve.csv
+//! cargo run --release -p measurements --bin learning-curves -- examples/paper/ant.toml 3 teacher.gamma=0.99
 //! ```
 //!
-//! Arguments: engine, robot, simulator steps, number of seeds, then fields of the teacher's config that differ from its
-//! defaults, with their values in JSON. Seeds are trained in turn on one core each, as many at a
-//! time as there are cores.
+//! Arguments: config, number of seeds, then overrides as `elo --set` takes them. Programs of workers (`elo-mujoco`) are those
+//! beside this one. Seeds are trained in turn on one core each, as many at a time as there are cores.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
-use elo_core::agent::Taught;
-use elo_core::context::{Context, InitialStates, PreparedStart};
-use elo_core::policy::{Lesson, Monitor, Stopped, TeacherConfig};
-use elo_core::rollout::{Ending, Horizon, price, rollout};
+use elo_cli::hosts::Programs;
+use elo_core::context::{Context, PreparedStart};
+use elo_core::crew::{Crew, Staff, Unit, Watcher};
+use elo_core::discover::duplicate;
+use elo_core::experiment::Experiment;
+use elo_core::fingerprint::fingerprint;
+use elo_core::rollout::{Ending, Horizon, price};
+use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
-use elo_core::simulator::SimulatorConfig;
 use elo_core::task::Task;
-use measurements::{Failure, plugin, robot};
+use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::prepare;
+use elo_core::units::train::{TeacherResult, Train};
+use measurements::Failure;
 
 /// Episodes behind each point of a curve.
 const EPISODES: u64 = 20;
 
 fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [engine, robot_name, steps, seeds, fields @ ..] = arguments.as_slice() else {
-        return Err(
-            "expected: ENGINE ROBOT STEPS SEEDS [FIELD=VALUE]…, e.g. rapier half-cheetah 2000000 3".into()
-        );
+    let [config, seeds, overrides @ ..] = arguments.as_slice() else {
+        return Err("expected: CONFIG SEEDS [PATH=VALUE]…, e.g. examples/paper/ant.toml 3".into());
     };
-    let (steps, seeds): (u64, u64) = (steps.parse()?, seeds.parse()?);
-    let simulator = robot(engine, robot_name)?;
-    let mut teacher_fields = vec![("steps", steps.into())];
-    for assignment in fields {
-        let (field, value) = assignment.split_once('=').ok_or("expected FIELD=VALUE, e.g. gamma=0.99")?;
-        teacher_fields.push((field, serde_json::from_str(value)?));
-    }
-    let teacher: Box<dyn TeacherConfig> = plugin("ppo", &teacher_fields)?;
+    let plugins = [elo_core::plugin::PLUGINS, elo_backends::PLUGINS, elo_learners::PLUGINS];
+    let experiment = elo_cli::load::experiment(Path::new(config), overrides, &plugins)?;
+
+    let folder = tempfile::tempdir()?;
+    let run_dir = RunDir::open(folder.path().join("run"))?;
+    let (stop, hosts) = (AtomicBool::new(false), Programs::of(&experiment));
+    let workers = std::thread::available_parallelism().map_or(1, usize::from);
+    let staff = Staff { workers, formats: elo_cli::formats(&plugins), program: fingerprint() };
+    let crew = Crew::new(staff, &run_dir, &hosts, &Told, &stop);
+
+    let seeds: Vec<u64> = (1..=seeds.parse()?).collect();
+    let roots: Vec<Seed> = seeds.iter().map(|seed| Seed::root(*seed).child("learning-curves")).collect();
+    let trainings: Vec<Unit> = roots.iter().map(|root| training(&experiment, root)).collect();
+    let trained = crew.complete("trainings", &trainings)?;
 
     println!("engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls");
-    let (next, trouble) = (AtomicU64::new(1), Mutex::new(None));
-    let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| {
-        for _ in 0..workers {
-            scope.spawn(|| {
-                loop {
-                    let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed > seeds {
-                        return;
-                    }
-                    match curve(simulator.as_ref(), teacher.as_ref(), seed) {
-                        Ok(lines) => {
-                            print!("{}", lines.replace("PREFIX", &format!("{engine},{robot_name},{seed}")))
-                        }
-                        Err(error) => *trouble.lock().expect("no thread panics with it") = Some(error),
-                    }
-                }
-            });
+    let (engine, spec) = (experiment.simulator.engine().name, experiment.simulator.spec()?);
+    for ((seed, root), key) in seeds.iter().zip(&roots).zip(&trained) {
+        let result = TeacherResult::decode(&crew.result(key)?)?;
+        let snapshots = result.trained.ok_or("a training diverged")?.snapshots;
+        let contexts = crew.import(&prepare::encode(&contexts(root)))?;
+        let units = snapshots.iter().map(|snapshot| {
+            let mut kept = TeacherResult::decode(&crew.result(key)?)?;
+            if let Some(trained) = &mut kept.trained {
+                trained.policy = snapshot.policy.clone();
+            }
+            let inputs = vec![contexts, crew.import(&kept.encode())?];
+            Ok(Unit { work: episodes(&experiment, root).into(), inputs })
+        });
+        let units = units.collect::<Result<Vec<Unit>, Failure>>()?;
+        for (snapshot, key) in snapshots.iter().zip(crew.complete("episodes", &units)?) {
+            let table = RolloutTable::decode(&crew.result(&key)?)?;
+            let figures = figures(&table, &spec.prices(&Task::default()));
+            println!("{engine},{},{seed},{},{figures}", spec.robot, snapshot.steps);
         }
-    });
-    trouble.into_inner()?.map_or(Ok(()), Err)
+    }
+    Ok(())
 }
 
-/// Trains one teacher; one CSV line a policy kept.
-fn curve(simulator: &dyn SimulatorConfig, teacher: &dyn TeacherConfig, seed: u64) -> Result<String, Failure> {
-    let (task, initial_states) = (Task::default(), InitialStates::default());
-    let root = Seed::root(seed).child("learning-curves");
-    let lesson =
-        Lesson { simulator, task: &task, initial_states: &initial_states, seed: root.child("teacher") };
-    let trained = teacher.train(&lesson, &mut Told { seed, tenths: 0 })?;
-
-    let mut world = simulator.build()?;
-    let spec = world.spec().clone();
-    let prices = spec.prices(&task);
-    let horizon = Horizon { steps: 1000, discount: 1.0, stop_at_fall: true };
-    let mut lines = String::new();
-    for snapshot in &trained.snapshots {
-        let policy = teacher.load(&snapshot.policy, &spec)?;
-        let mut agent = Taught { policy: policy.as_ref(), sampling: false };
-        let episodes: Vec<(f64, f64, bool)> = (0..EPISODES)
-            .map(|episode| {
-                let seed = root.child("episode").index(episode);
-                let context = Context { task: task.clone(), start: PreparedStart::standard(seed.number()) };
-                let done = rollout(world.as_mut(), &mut agent, &context, &horizon, &mut seed.stream());
-                (price(&done.term_sums, &prices), f64::from(done.length), done.ending == Ending::Terminated)
-            })
-            .collect();
-        let count = EPISODES as f64;
-        let mean = episodes.iter().map(|e| e.0).sum::<f64>() / count;
-        let deviation = (episodes.iter().map(|e| (e.0 - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
-        let length = episodes.iter().map(|e| e.1).sum::<f64>() / count;
-        let falls = episodes.iter().filter(|e| e.2).count() as f64 / count;
-        lines += &format!("PREFIX,{},{mean:.1},{deviation:.1},{length:.1},{falls:.2}\n", snapshot.steps);
-    }
-    Ok(lines)
+fn training(experiment: &Experiment, root: &Seed) -> Unit {
+    let work = Train {
+        simulator: duplicate(&experiment.simulator),
+        teacher: duplicate(&experiment.teacher),
+        task: Task::default(),
+        initial_states: experiment.initial_states.clone(),
+        seed: root.child("teacher"),
+    };
+    Unit { work: work.into(), inputs: Vec::new() }
 }
 
-/// Tells on stderr how far a training is, each tenth.
-struct Told {
-    seed: u64,
-    tenths: u64,
+fn contexts(root: &Seed) -> Vec<Context> {
+    let start = |episode| PreparedStart::standard(root.child("episode").index(episode).number());
+    (0..EPISODES).map(|episode| Context { task: Task::default(), start: start(episode) }).collect()
 }
 
-impl Monitor for Told {
-    fn resume(&mut self) -> Option<Vec<u8>> {
-        None
+fn episodes(experiment: &Experiment, root: &Seed) -> Evaluate {
+    let behavior = Behavior::Teacher { teacher: duplicate(&experiment.teacher), input: 1 };
+    Evaluate {
+        simulator: duplicate(&experiment.simulator),
+        subjects: vec![Subject { name: "teacher".to_owned(), behavior }],
+        contexts: 1,
+        horizon: Horizon { steps: 1000, discount: 1.0, stop_at_fall: true },
+        seed: root.child("episodes"),
     }
+}
 
-    fn checkpoint(&mut self, _: &[u8]) -> Result<(), Stopped> {
-        Ok(())
-    }
+/// Mean and deviation of returns, mean length, share of falls.
+fn figures(table: &RolloutTable, prices: &[f64]) -> String {
+    let count = table.rollouts.len() as f64;
+    let returns: Vec<f64> = table.rollouts.iter().map(|r| price(&r.term_sums, prices)).collect();
+    let mean = returns.iter().sum::<f64>() / count;
+    let deviation = (returns.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
+    let length = table.rollouts.iter().map(|r| f64::from(r.length)).sum::<f64>() / count;
+    let falls = table.rollouts.iter().filter(|r| r.ending == Ending::Terminated).count() as f64 / count;
+    format!("{mean:.1},{deviation:.1},{length:.1},{falls:.2}")
+}
 
-    fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped> {
-        let tenths = 10 * done / total.max(1);
-        if tenths > self.tenths {
-            self.tenths = tenths;
-            eprintln!("seed {}: {done} of {total} steps", self.seed);
+/// Tells on stderr how far the trainings are, each tenth of one.
+struct Told;
+
+impl Watcher for Told {
+    fn begin(&self, _: &str, _: usize, _: usize) {}
+    fn advance(&self, stage: &str, done: f64) {
+        static TENTHS: std::sync::Mutex<f64> = std::sync::Mutex::new(0.0);
+        let mut told = TENTHS.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if stage == "trainings" && done >= *told + 0.1 {
+            *told = (done * 10.0).floor() / 10.0;
+            eprintln!("{:.1} trainings are done", *told);
         }
-        Ok(())
+    }
+    fn end(&self, _: &str) {}
+    fn notice(&self, message: &str) {
+        eprintln!("{message}");
     }
 }
