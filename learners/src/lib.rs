@@ -15,11 +15,14 @@
 pub mod behavior_cloning;
 mod demonstration;
 pub mod kernels;
+mod load;
 pub mod mlp_policy;
 pub mod nn;
 pub mod normalized_mlp;
 pub mod open_loop;
 pub mod ppo;
+
+pub use load::{Options, load};
 
 use elo_core::plugin::Plugin;
 

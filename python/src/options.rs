@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use elo_core::option_set::OptionSet;
 use elo_core::policy::OptionPolicy;
 use elo_core::seed::Seed;
 use elo_core::spec::SimulatorSpec;
@@ -15,7 +14,7 @@ use pyo3::prelude::*;
 pub struct Options {
     manifest: String,
     spec: SimulatorSpec,
-    options: Vec<Box<dyn OptionPolicy>>,
+    policies: Vec<Box<dyn OptionPolicy>>,
 }
 
 fn refused(error: impl std::fmt::Display) -> PyErr {
@@ -24,9 +23,9 @@ fn refused(error: impl std::fmt::Display) -> PyErr {
 
 impl Options {
     fn option(&self, index: usize) -> PyResult<&dyn OptionPolicy> {
-        let option = self.options.get(index).map(AsRef::as_ref);
+        let option = self.policies.get(index).map(AsRef::as_ref);
         option.ok_or_else(|| {
-            PyIndexError::new_err(format!("option {index} of a set of {}", self.options.len()))
+            PyIndexError::new_err(format!("option {index} of a set of {}", self.policies.len()))
         })
     }
 
@@ -48,12 +47,9 @@ impl Options {
     /// Reads the set in a folder.
     #[new]
     fn new(path: PathBuf) -> PyResult<Self> {
-        let set = OptionSet::read(&path).map_err(refused)?;
-        let formats = elo_cli::formats(crate::PLUGINS);
-        let spec = set.manifest.spec.clone();
-        let options = set.policies(&spec, &formats).map_err(refused)?;
-        let manifest = serde_json::to_string(&set.manifest).expect("a manifest is plain data");
-        Ok(Self { manifest, spec, options })
+        let elo_learners::Options { manifest, policies } = elo_learners::load(&path).map_err(refused)?;
+        let text = serde_json::to_string(&manifest).expect("a manifest is plain data");
+        Ok(Self { manifest: text, spec: manifest.spec, policies })
     }
 
     /// The manifest, as JSON.
@@ -62,7 +58,7 @@ impl Options {
     }
 
     fn __len__(&self) -> usize {
-        self.options.len()
+        self.policies.len()
     }
 
     /// What an option does at `observation`; `when` is its number and how many of its steps it has run. `seed` feeds options that draw.
@@ -88,6 +84,6 @@ impl Options {
     /// How much each option wants to begin at `observation`.
     fn interests(&self, observation: PyReadonlyArray1<'_, f32>) -> PyResult<Vec<f32>> {
         let observation = self.observation(&observation)?;
-        Ok(self.options.iter().map(|option| option.interest(observation)).collect())
+        Ok(self.policies.iter().map(|option| option.interest(observation)).collect())
     }
 }
