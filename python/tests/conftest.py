@@ -56,6 +56,18 @@ def elo_program() -> Path:
     return program
 
 
+@pytest.fixture(scope="session")
+def quick_run(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small run of `examples/half-cheetah-quick.toml`."""
+    out = tmp_path_factory.mktemp("run")
+    sizes = ["teacher.steps=4096", "discover.candidates=6", "discover.contexts=6", "discover.set_size=3"]
+    sizes += ["discover.steps=8", "initial_states.max_random_steps=0", "report.contexts=6"]
+    arguments = [argument for size in sizes for argument in ("--set", size)]
+    config = REPOSITORY / "examples" / "half-cheetah-quick.toml"
+    subprocess.run([elo_program, "discover", config, "--out", out, *arguments], check=True, capture_output=True)
+    return out
+
+
 @pytest.fixture
 def discover(elo_program: Path, tmp_path: Path) -> Discover:
     """Runs `elo discover` on a `[simulator]` table; its results are in `tmp_path / "run"`."""

@@ -18,16 +18,9 @@ from gymnasium.utils.env_checker import check_env
 RAPIER = {"kind": "rapier", "robot": "half-cheetah"}
 
 
-@pytest.fixture(scope="session")
-def option_set(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small set of the half-cheetah on Rapier."""
-    out = tmp_path_factory.mktemp("run")
-    sizes = ["teacher.steps=4096", "discover.candidates=6", "discover.contexts=6", "discover.set_size=3"]
-    sizes += ["discover.steps=8", "initial_states.max_random_steps=0", "report.contexts=6"]
-    arguments = [argument for size in sizes for argument in ("--set", size)]
-    config = REPOSITORY / "examples" / "half-cheetah-quick.toml"
-    subprocess.run([elo_program, "discover", config, "--out", out, *arguments], check=True, capture_output=True)
-    return out / "results" / "option_sets" / "maximum_mean"
+@pytest.fixture
+def option_set(quick_run: Path) -> Path:
+    return quick_run / "results" / "option_sets" / "maximum_mean"
 
 
 def test_a_set_is_what_its_files_say(option_set: Path) -> None:

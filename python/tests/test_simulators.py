@@ -60,7 +60,7 @@ def same(one: Path, other: Path) -> bool:
 def test_a_gymnasium_id(discover: Discover, tmp_path: Path) -> None:
     ran = discover('target = "Pendulum-v1"')
     assert ran.returncode == 0, ran.stderr
-    assert "Pendulum-v1 in python" in ran.stdout and failures(tmp_path / "run") == []
+    assert "Pendulum-v1 in python:Pendulum-v1" in ran.stdout and failures(tmp_path / "run") == []
 
 
 def test_a_file_of_ones_own_with_tasks_and_terms(discover: Discover, tmp_path: Path) -> None:

@@ -77,7 +77,7 @@ impl SimulatorConfig for PythonBodyConfig {
 
     fn engine(&self) -> Engine {
         let versions = self.described.as_deref().unwrap_or("unknown");
-        Engine { name: "python".to_owned(), version: versions.to_owned() }
+        Engine { name: super::engine_name(&self.target), version: versions.to_owned() }
     }
 
     fn hosted(&self) -> Option<&dyn Hosted> {

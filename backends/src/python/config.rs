@@ -223,7 +223,7 @@ impl SimulatorConfig for PythonConfig {
 
     fn engine(&self) -> Engine {
         let versions = self.described.as_ref().map_or("unknown", |described| &described.versions);
-        Engine { name: "python".to_owned(), version: versions.to_owned() }
+        Engine { name: super::engine_name(&self.target), version: versions.to_owned() }
     }
 
     fn hosted(&self) -> Option<&dyn Hosted> {

@@ -50,6 +50,11 @@ fn missing() -> BuildError {
     }
 }
 
+/// What a simulator in Python is called beside other engines: its id, or the module that it comes from.
+fn engine_name(target: &str) -> String {
+    format!("python:{}", target.split(':').next().unwrap_or_default())
+}
+
 fn validate_target(target: &str, faults: &mut Faults) {
     faults.check(target.contains(':'), "target", || format!("expected `module:callable`, got {target:?}"));
 }

@@ -253,8 +253,11 @@ impl<'a> Training<'a> {
         let kept = |iteration: u64| iteration * self.config.snapshots / all;
         if kept(done) > kept(done - 1) {
             let Learner { policy, log_std, .. } = &progress.learner;
-            let teacher =
-                GaussianMlpTeacher::new(NormalizedMlp::new(normalizer, policy.clone()), log_std.clone(), &self.spec);
+            let teacher = GaussianMlpTeacher::new(
+                NormalizedMlp::new(normalizer, policy.clone()),
+                log_std.clone(),
+                &self.spec,
+            );
             progress.snapshots.push(Snapshot { steps, policy: teacher.to_tensors() });
         }
     }
