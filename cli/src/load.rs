@@ -68,36 +68,62 @@ fn checked(
 
 /// Has workers say what those plugins are that only their worker knows.
 fn describe(experiment: &mut Experiment, faults: &mut Faults) {
-    let programs = Programs::of(experiment);
-    let mut workers: Vec<(WorkerProgram, WorkerProcess)> = Vec::new();
+    let mut office = Office { programs: Programs::of(experiment), workers: Vec::new() };
     let mut said = BTreeMap::new();
     for (path, plugin) in experiment.describable() {
         let Some(hosted) = plugin.hosted().filter(|hosted| hosted.needs_description()) else { continue };
-        let program = hosted.worker();
-        if workers.iter().all(|(started, _)| *started != program) {
-            match programs.start(&program) {
-                Ok(worker) => workers.push((program, worker)),
-                Err(fault) => return faults.add("workers.python", format!("{fault}{}", remedy(&program))),
-            }
-        }
-        let worker = workers.iter_mut().find(|(started, _)| *started == program);
-        let (_, worker) = worker.expect("it was started above");
-        let job = serde_json::to_vec(&Work::from(plugin)).expect("descriptions are plain data");
-        match worker.run(&job, &[], &mut Unwatched) {
-            Ok(bytes) => drop(said.insert(path, bytes)),
-            Err(fault) => {
-                let usable = fault.leaves_worker_usable();
-                faults.add(&path, fault.to_string());
-                if !usable {
-                    return;
-                }
-            }
+        match office.ask(hosted.worker(), &Work::from(plugin)) {
+            Ok(Ok(description)) => drop(said.insert(path, description)),
+            Ok(Err(why)) => faults.add(&path, why),
+            Err(why) => return faults.add("workers.python", why),
         }
     }
     for (path, hosted) in experiment.hosted_mut() {
         if let Some(Err(why)) = said.get(&path).map(|bytes| hosted.accept_description(bytes)) {
             faults.add(&path, why);
         }
+    }
+}
+
+/// Workers that are asked one thing each.
+struct Office {
+    programs: Programs,
+    workers: Vec<(WorkerProgram, WorkerProcess)>,
+}
+
+impl Office {
+    /// How often a worker that dies over an answer is replaced, and the first one.
+    const TRIES: usize = 3;
+
+    /// What `program` says: an answer, or why there is none; or why it does not start.
+    fn ask(&mut self, program: WorkerProgram, work: &Work) -> Result<Result<Vec<u8>, String>, String> {
+        let job = serde_json::to_vec(work).expect("descriptions are plain data");
+        let mut lost = String::new();
+        for _ in 0..Self::TRIES {
+            let mut worker = match self.workers.iter().position(|(started, _)| *started == program) {
+                Some(place) => self.workers.swap_remove(place).1,
+                None => match self.programs.start(&program) {
+                    Ok(worker) => worker,
+                    Err(fault) if fault.was_killed() => {
+                        lost = fault.to_string();
+                        continue;
+                    }
+                    Err(fault) => return Err(format!("{fault}{}", remedy(&program))),
+                },
+            };
+            match worker.run(&job, &[], &mut Unwatched) {
+                Ok(bytes) => {
+                    self.workers.push((program, worker));
+                    return Ok(Ok(bytes));
+                }
+                Err(fault) if fault.leaves_worker_usable() => {
+                    self.workers.push((program, worker));
+                    return Ok(Err(fault.to_string()));
+                }
+                Err(fault) => lost = fault.to_string(),
+            }
+        }
+        Ok(Err(lost))
     }
 }
 

@@ -282,6 +282,10 @@ impl Shift<'_> {
         while deaths.len() < TRIES {
             let mut worker = match self.crew.take_worker(program) {
                 Ok(worker) => worker,
+                Err(fault) if fault.was_killed() => {
+                    deaths.push(fault.to_string());
+                    continue;
+                }
                 Err(fault) => {
                     monitor.trouble = Some(RunError::Worker(fault));
                     return Err(WorkError::Stopped(Stopped));

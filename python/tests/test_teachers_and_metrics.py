@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
+import os
+import signal
+import subprocess
+import time
 from pathlib import Path
 
 import elo.conformance
@@ -129,3 +134,21 @@ def test_a_teacher_that_goes_wrong_is_told(discover: Discover, how: str, said: s
 def test_a_metric_that_goes_wrong_is_told(discover: Discover, how: str, said: str) -> None:
     ran = discover(MASS, "--set", CONTROLLER, "--set", metric(how=how))
     assert ran.returncode == 1 and said in ran.stderr, ran.stderr
+
+
+def test_workers_that_are_killed_change_no_byte(elo_program: Path, discover: Discover, tmp_path: Path) -> None:
+    sizes = ["--set", "discover.candidates=100", "--set", "discover.contexts=250", "--workers", "2"]
+    assert discover(MASS, "--set", CONTROLLER, *sizes, out="undisturbed").returncode == 0
+    command = [elo_program, "discover", tmp_path / "run.toml", "--out", tmp_path / "run", "--set", CONTROLLER, *sizes]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        killed = 0
+        while process.poll() is None:
+            time.sleep(1.0)
+            children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+            for child in children.read_text().split()[:1] if process.poll() is None else []:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(int(child), signal.SIGKILL)
+                    killed += 1
+        told = process.stderr.read() if process.stderr else ""
+    assert process.returncode == 0 and killed >= 2, (killed, told)
+    assert same(tmp_path / "run" / "results", tmp_path / "undisturbed" / "results")

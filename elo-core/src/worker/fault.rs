@@ -129,6 +129,12 @@ impl WorkerFault {
     pub fn leaves_worker_usable(&self) -> bool {
         matches!(self, Self::Failed(_) | Self::TooLarge { .. })
     }
+
+    /// Whether somebody killed it. A worker that was killed while it started can be started again; one that ended by
+    /// itself would do so again.
+    pub fn was_killed(&self) -> bool {
+        matches!(self, Self::Died { exit: Exit::Signal(_), .. })
+    }
 }
 
 /// What a worker wrote to standard error, as the end of a sentence.
