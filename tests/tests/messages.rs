@@ -76,7 +76,7 @@ const CASES: &[Case] = &[
         arguments: BAD,
         code: 2,
         stderr: "elo: bad.toml:47: `metrics[1].kind`: expected a kind of metric (maximum_mean, negative_tail, \
-                 positive_skew), got the text \"negativ_tail\"; did you mean \"negative_tail\"?",
+                 positive_skew, python), got the text \"negativ_tail\"; did you mean \"negative_tail\"?",
     },
     Case {
         what: "misspelt key",
