@@ -35,13 +35,13 @@ impl Play<'_> {
         let cast = cast.collect::<Result<Vec<_>, _>>()?;
         let total = (cast.len() * contexts.len()) as u64;
         let mut played = Vec::with_capacity(cast.len() * contexts.len());
+        let mut simulator = site.simulator(self.simulator)?;
         for (subject, cast) in self.subjects.iter().zip(&cast) {
             let seed = self.seed.child(&subject.name);
             for (j, context) in contexts.iter().enumerate() {
                 monitor.progress(played.len() as u64, total)?;
                 let mut tries = 0;
                 played.push(loop {
-                    let simulator = site.simulator(self.simulator)?;
                     let (mut noise, mut witness) = (seed.index(j as u64).stream(), W::default());
                     let setting = Setting { context, horizon: self.horizon };
                     let rollout = cast.play(&spec, |agent| {
@@ -52,6 +52,7 @@ impl Play<'_> {
                         break (rollout, witness);
                     }
                     site.forget(self.simulator);
+                    simulator = site.simulator(self.simulator)?;
                 });
             }
         }

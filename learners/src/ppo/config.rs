@@ -64,7 +64,7 @@ pub struct PpoConfig {
     /// Gradients longer than this are scaled down to it; must be positive.
     pub max_grad_norm: f64,
     /// No further epoch begins in an iteration once the policy has moved by this Kullback–Leibler divergence, in nats.
-    /// Must be positive. The default allows all `epochs` always: with 0.015 HalfCheetah and Ant learn more slowly
+    /// Must be positive. The default allows all `epochs` always; with 0.015 policies fall more seldom and earn about as much
     /// (`docs/results/teachers.md`).
     pub target_kl: f64,
     /// Widths of the hidden layers, of the policy and of the critic.
