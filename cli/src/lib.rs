@@ -14,6 +14,7 @@ pub mod exit;
 pub mod hosts;
 mod interrupt;
 pub mod load;
+mod open;
 mod output;
 mod progress;
 mod table;

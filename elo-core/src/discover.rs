@@ -2,19 +2,18 @@
 //!
 //! [`discover`] is the algorithm; each of its lines is a stage whose units are described in [`crate::units`].
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::context::Split;
 use crate::crew::{Crew, RunError, Unit};
 use crate::experiment::{EvaluationTasks, Experiment};
 use crate::key::Key;
+use crate::measured::Pool;
 use crate::performer::Performer;
 use crate::policy::PolicyRecord;
-use crate::returns::ReturnTable;
 use crate::rollout::{Rollout, price};
 use crate::seed::Seed;
-use crate::select::{Bench, Scoring, SelectError, Selection};
+use crate::select::Selection;
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
 use crate::units::Span;
@@ -121,25 +120,14 @@ pub fn discover(experiment: &Experiment, crew: &Crew<'_>) -> Result<Discovery, R
     //     3. Return the set of candidate options.
     let (candidates, given_up) = run.learn_options(&recordings)?;
 
-    // (b) Estimate the return distribution of candidate options: execute each in Z random contexts. The selector says
-    //     which candidates in which contexts; the contexts are common to all.
+    // (b) Estimate the return distribution of candidate options: execute each in Z random contexts, common to all. The
+    //     selector says which candidates in which of them, as it selects.
     let contexts =
         run.prepare_contexts(Split::Select, experiment.discover.contexts, &run.selection_tasks(&teachers))?;
-    let mut bench =
-        Measured { run: &run, candidates: &candidates, contexts: &contexts, rollouts: Vec::new() };
 
     // (c) Select the top K candidates by each metric ψ.
-    let teacher_mean = mean(candidates.iter().map(|candidate| candidate.teacher_return));
-    let scoring = run.scoring(teacher_mean);
-    let selection = experiment.selector.select(&mut bench, &scoring).map_err(unwrap_select)?;
-    if let Some(empty) = selection.choices.iter().find(|choice| choice.chosen.is_empty()) {
-        return Err(RunError::Select(format!(
-            "no candidate can be chosen by {}: see `failures`",
-            empty.metric
-        )));
-    }
-
-    let rollouts = std::mem::take(&mut bench.rollouts);
+    let pool = Pool { candidates: &candidates, contexts: &contexts };
+    let (selection, rollouts) = run.select(&pool, &experiment.metrics, &experiment.returns)?;
     Ok(Discovery { spec: run.spec.clone(), teachers, candidates, given_up, rollouts, contexts, selection })
 }
 
@@ -172,18 +160,21 @@ impl<'a> Run<'a> {
         (0..self.experiment.discover.teachers).map(draw).collect()
     }
 
-    fn train_teachers(&self, tasks: &[Task]) -> Result<Vec<Teacher>, RunError> {
-        let unit = |(m, task): (usize, &Task)| Unit {
-            work: Train {
-                simulator: duplicate(&self.experiment.simulator),
-                teacher: duplicate(&self.experiment.teacher),
-                task: task.clone(),
-                initial_states: self.experiment.initial_states.clone(),
-                seed: self.seed.child("teacher").index(m as u64),
-            }
-            .into(),
-            inputs: Vec::new(),
+    /// The training of a teacher for `task`, with its streams below `seed`.
+    pub fn training(&self, task: &Task, seed: Seed) -> Unit {
+        let work = Train {
+            simulator: duplicate(&self.experiment.simulator),
+            teacher: duplicate(&self.experiment.teacher),
+            task: task.clone(),
+            initial_states: self.experiment.initial_states.clone(),
+            seed,
         };
+        Unit { work: work.into(), inputs: Vec::new() }
+    }
+
+    fn train_teachers(&self, tasks: &[Task]) -> Result<Vec<Teacher>, RunError> {
+        let unit =
+            |(m, task): (usize, &Task)| self.training(task, self.seed.child("teacher").index(m as u64));
         let units: Vec<Unit> = tasks.iter().enumerate().map(unit).collect();
         let keys = self.crew.complete("teachers", &units)?;
         let mut teachers = Vec::new();
@@ -336,18 +327,6 @@ impl<'a> Run<'a> {
         self.spec.reward_floor * steps
     }
 
-    fn scoring(&self, teacher_mean: f64) -> Scoring<'_> {
-        Scoring {
-            judge: self,
-            set_size: self.experiment.discover.set_size,
-            metrics: &self.experiment.metrics,
-            scaling: &self.experiment.returns,
-            failures: &self.experiment.failures,
-            return_floor: self.return_floor(),
-            teacher_mean,
-        }
-    }
-
     /// Runs each group of subjects in some blocks of contexts; gives every subject's rollouts in order, over those
     /// blocks. Subjects of one group share units.
     ///
@@ -399,74 +378,9 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The bench on which candidates meet the selection contexts.
-struct Measured<'a> {
-    run: &'a Run<'a>,
-    candidates: &'a [Candidate],
-    contexts: &'a ContextSet,
-    /// Rollouts of each candidate over the contexts that it has met.
-    rollouts: Vec<Vec<Rollout>>,
-}
-
-impl Bench for Measured<'_> {
-    fn candidates(&self) -> usize {
-        self.candidates.len()
-    }
-
-    fn contexts(&self) -> usize {
-        self.contexts.count
-    }
-
-    fn measure(&mut self, ids: &[usize], contexts: Range<usize>) -> Result<ReturnTable, SelectError> {
-        let blocks = contexts.start / CONTEXTS_PER_UNIT..contexts.end.div_ceil(CONTEXTS_PER_UNIT);
-        let skipped = contexts.start - blocks.start * CONTEXTS_PER_UNIT;
-        // Groups are cut by the candidates' numbers, so that they do not depend on who else is measured.
-        let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for id in ids {
-            groups.entry(self.candidates[*id].number / CANDIDATES_PER_UNIT).or_default().push(*id);
-        }
-        let performers: Vec<Vec<Performer>> = groups
-            .values()
-            .map(|group| group.iter().map(|id| Performer::candidate(&self.candidates[*id])).collect())
-            .collect();
-        let rollouts = self
-            .run
-            .evaluate("selection rollouts", &performers, self.contexts, blocks)
-            .map_err(|error| SelectError::Measure(Box::new(error)))?;
-        self.rollouts.resize(self.candidates.len(), Vec::new());
-        let mut rows: BTreeMap<usize, Vec<Option<f64>>> = BTreeMap::new();
-        for (id, rollouts) in groups.values().flatten().zip(rollouts) {
-            let prices = &self.contexts.prices[contexts.clone()];
-            let row = rollouts[skipped..]
-                .iter()
-                .zip(prices)
-                .map(|(rollout, prices)| value(rollout, prices))
-                .collect();
-            rows.insert(*id, row);
-            self.rollouts[*id] = rollouts;
-        }
-        let values = ids.iter().flat_map(|id| rows[id].clone()).collect();
-        Ok(ReturnTable::new(contexts.len(), values))
-    }
-}
-
 /// The return of a rollout under a task's prices; `None` when it failed.
 pub fn value(rollout: &Rollout, prices: &[f64]) -> Option<f64> {
     rollout.ending.is_valid().then(|| price(&rollout.term_sums, prices))
-}
-
-fn unwrap_select(error: SelectError) -> RunError {
-    match error {
-        SelectError::Measure(inner) => inner
-            .downcast::<RunError>()
-            .map_or_else(|other| RunError::Select(other.to_string()), |inner| *inner),
-        failures @ SelectError::Failures { .. } => RunError::Select(failures.to_string()),
-    }
-}
-
-fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = values.len() as f64;
-    values.sum::<f64>() / count
 }
 
 /// A second copy of a plugin's config. Configs are plain data, so writing and reading one loses nothing.

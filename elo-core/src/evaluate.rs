@@ -54,10 +54,7 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
     let records: Vec<_> = set.options.iter().cloned().map(Some).collect();
     let key = run.crew.import(&learn::encode(&records))?;
 
-    let option = |item: usize| Performer {
-        name: format!("option {}", manifest.options[item].number),
-        role: PerformerRole::Infant(vec![(key, item)]),
-    };
+    let option = |item: usize| Performer::option(manifest.options[item].number, key, item);
     let plain =
         |name: &str, behavior| Performer { name: name.to_owned(), role: PerformerRole::Plain(behavior) };
     let groups: Vec<Vec<Performer>> = (0..set.options.len())

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::context::InitialStates;
 use crate::discover::duplicate;
+use crate::experiments::ExperimentsPlan;
 use crate::fault::Faults;
 use crate::hosted::Hosted;
 use crate::metric::Metric;
@@ -53,6 +54,9 @@ pub struct Experiment {
     /// What is measured on fresh contexts at the end.
     #[serde(default)]
     pub report: ReportPlan,
+    /// What `elo experiments` measures besides.
+    #[serde(default)]
+    pub experiments: ExperimentsPlan,
     /// Which programs do work outside this process. Changes no result.
     #[serde(default)]
     pub workers: Workers,
@@ -183,6 +187,7 @@ impl Experiment {
         self.validate_metrics(faults);
         faults.within("discover", |faults| self.discover.validate(faults));
         faults.within("workers", |faults| self.workers.validate(faults));
+        faults.within("experiments", |faults| self.experiments.validate(faults));
         faults.within("report", |faults| {
             let plan = &self.report;
             faults.check(plan.alpha.is_finite(), "alpha", || {

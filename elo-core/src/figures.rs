@@ -55,7 +55,8 @@ pub struct Comparison {
 pub struct Sample {
     /// Whose.
     pub name: String,
-    returns: Vec<Vec<f64>>,
+    /// As the tasks pay them.
+    pub returns: Vec<Vec<f64>>,
     falls: Vec<f64>,
     failures: f64,
     mean_length: f64,
@@ -77,9 +78,27 @@ pub struct Yardstick<'a> {
 }
 
 impl Sample {
-    fn context_means(&self) -> Vec<f64> {
+    /// Mean return of the members in each context.
+    pub fn context_means(&self) -> Vec<f64> {
         self.returns.iter().map(|values| values.iter().sum::<f64>() / values.len() as f64).collect()
     }
+
+    /// The sample under the other reading of a set's value (Eq. 4.2 to the letter): one return a context, the mean of the
+    /// members'.
+    pub fn averaged(mut self) -> Self {
+        self.returns = self.context_means().into_iter().map(|value| vec![value]).collect();
+        self
+    }
+}
+
+/// One of the two tails that the metrics look at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Tail {
+    /// `V < μ* − α σ*`.
+    Lower,
+    /// `V > μ*`.
+    Upper,
 }
 
 impl Yardstick<'_> {
@@ -107,18 +126,7 @@ impl Yardstick<'_> {
     /// # Errors
     /// Fewer than two contexts, or returns that are not finite.
     pub fn row(&self, sample: &Sample) -> Result<Row, StatisticsError> {
-        let low = self.reference.mean - self.plan.alpha * self.reference.standard_deviation;
-        let high = self.reference.mean;
-        let normal: Vec<Vec<f64>> = sample
-            .returns
-            .iter()
-            .map(|values| values.iter().map(|v| self.scale.apply(*v)).collect())
-            .collect();
-        let share = |test: &dyn Fn(f64) -> bool| -> Vec<f64> {
-            let of =
-                |values: &Vec<f64>| values.iter().filter(|v| test(**v)).count() as f64 / values.len() as f64;
-            normal.iter().map(of).collect()
-        };
+        let normal = self.normal(sample);
         let normal_means: Vec<f64> =
             sample.context_means().iter().map(|value| self.scale.apply(*value)).collect();
         let iqm = |contexts: &[usize]| {
@@ -131,12 +139,38 @@ impl Yardstick<'_> {
             mean_return: self.mean(&format!("{name} return"), &sample.context_means())?,
             mean: self.mean(&format!("{name} mean"), &normal_means)?,
             iqm: self.interval(&format!("{name} iqm"), normal.len(), iqm)?,
-            lower_tail: self.mean(&format!("{name} lower tail"), &share(&|v| v < low))?,
-            upper_tail: self.mean(&format!("{name} upper tail"), &share(&|v| v > high))?,
+            lower_tail: self.mean(&format!("{name} lower tail"), &self.tail_shares(sample, Tail::Lower))?,
+            upper_tail: self.mean(&format!("{name} upper tail"), &self.tail_shares(sample, Tail::Upper))?,
             falls: self.mean(&format!("{name} falls"), &sample.falls)?,
             failures: sample.failures,
             mean_length: sample.mean_length,
         })
+    }
+
+    /// The normalised returns of a sample.
+    pub fn normal(&self, sample: &Sample) -> Vec<Vec<f64>> {
+        let scaled = |values: &Vec<f64>| values.iter().map(|value| self.scale.apply(*value)).collect();
+        sample.returns.iter().map(scaled).collect()
+    }
+
+    /// Where a tail begins, in normalised returns.
+    pub fn threshold(&self, tail: Tail) -> f64 {
+        match tail {
+            Tail::Lower => self.reference.mean - self.plan.alpha * self.reference.standard_deviation,
+            Tail::Upper => self.reference.mean,
+        }
+    }
+
+    /// The share of each context's returns in a tail.
+    pub fn tail_shares(&self, sample: &Sample, tail: Tail) -> Vec<f64> {
+        let threshold = self.threshold(tail);
+        let inside = |value: f64| match tail {
+            Tail::Lower => value < threshold,
+            Tail::Upper => value > threshold,
+        };
+        let share =
+            |values: &Vec<f64>| values.iter().filter(|v| inside(**v)).count() as f64 / values.len() as f64;
+        self.normal(sample).iter().map(share).collect()
     }
 
     /// Eq. 4.4: the mean over a set's options of `ψ`.

@@ -1,6 +1,7 @@
 //! Who is run in contexts, and which units' results it needs for that.
 
 use crate::discover::{Candidate, duplicate};
+use crate::experiment::TeacherActs;
 use crate::key::Key;
 use crate::policy::TeacherConfig;
 use crate::seed::Seed;
@@ -21,18 +22,44 @@ pub enum PerformerRole {
     /// Something that needs no other unit.
     Plain(fn() -> Behavior),
     /// An untrained teacher.
-    Untrained(Box<dyn TeacherConfig>, Seed),
-    /// The teacher of a unit.
-    Teacher(Box<dyn TeacherConfig>, Key),
-    /// The infant agent with these options.
-    Infant(Vec<(Key, usize)>),
+    Untrained {
+        /// What makes it.
+        teacher: Box<dyn TeacherConfig>,
+        /// The root of its streams.
+        seed: Seed,
+        /// By its mean or by samples.
+        acts: TeacherActs,
+    },
+    /// The teacher of a unit, or one of the policies kept on its way.
+    Teacher {
+        /// What reads it.
+        teacher: Box<dyn TeacherConfig>,
+        /// The unit.
+        key: Key,
+        /// Which of the kept policies; `None` for the trained one.
+        snapshot: Option<usize>,
+        /// By its mean or by samples.
+        acts: TeacherActs,
+    },
+    /// The infant agent.
+    Infant {
+        /// The units that hold its options, and which of theirs.
+        options: Vec<(Key, usize)>,
+        /// Probability that a decision is one random primitive action.
+        primitive_probability: f64,
+    },
 }
 
 impl Performer {
     /// A candidate by itself.
     pub fn candidate(candidate: &Candidate) -> Self {
-        let role = PerformerRole::Infant(vec![(candidate.key, candidate.item)]);
-        Self { name: format!("option {}", candidate.number), role }
+        Self::option(candidate.number, candidate.key, candidate.item)
+    }
+
+    /// One option by itself, again and again: option `item` of the unit `key`.
+    pub fn option(number: usize, key: Key, item: usize) -> Self {
+        let role = PerformerRole::Infant { options: vec![(key, item)], primitive_probability: 0.0 };
+        Self { name: format!("option {number}"), role }
     }
 
     /// What a unit is told of it; the units that it needs are added to the unit's `inputs`.
@@ -45,16 +72,19 @@ impl Performer {
         };
         let behavior = match &self.role {
             PerformerRole::Plain(behavior) => behavior(),
-            PerformerRole::Untrained(teacher, seed) => {
-                Behavior::Untrained { teacher: duplicate(teacher), seed: seed.clone() }
+            PerformerRole::Untrained { teacher, seed, acts } => {
+                Behavior::Untrained { teacher: duplicate(teacher), seed: seed.clone(), acts: *acts }
             }
-            PerformerRole::Teacher(teacher, key) => {
-                Behavior::Teacher { teacher: duplicate(teacher), input: place(key) }
-            }
-            PerformerRole::Infant(options) => {
+            PerformerRole::Teacher { teacher, key, snapshot, acts } => Behavior::Teacher {
+                teacher: duplicate(teacher),
+                input: place(key),
+                snapshot: *snapshot,
+                acts: *acts,
+            },
+            PerformerRole::Infant { options, primitive_probability } => {
                 let options =
                     options.iter().map(|(key, item)| Place { input: place(key), item: *item }).collect();
-                Behavior::Infant { options, primitive_probability: 0.0 }
+                Behavior::Infant { options, primitive_probability: *primitive_probability }
             }
         };
         Subject { name: self.name.clone(), behavior }

@@ -8,12 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::context::Split;
 use crate::crew::RunError;
+use crate::experiment::TeacherActs;
 use crate::discover::{Candidate, ContextSet, Discovery, Run, duplicate};
 use crate::figures::{Comparison, Row, Sample, Yardstick};
 use crate::metric::Reference;
 use crate::performer::{Performer, PerformerRole};
 use crate::returns::Scale;
 use crate::rollout::Rollout;
+use crate::select::Selection;
 use crate::simulator::Engine;
 use crate::statistics::StatisticsError;
 use crate::statistics::bootstrap::Interval;
@@ -143,13 +145,7 @@ pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError>
     let options = measure_options(run, discovery, &contexts, &wanted)?;
     let (names, rollouts) = measure_baselines(run, discovery, &contexts)?;
 
-    let yardstick = Yardstick {
-        scale: discovery.selection.scale,
-        reference: discovery.selection.reference,
-        plan: &run.experiment.report,
-        return_floor: run.return_floor(),
-        seed: run.seed.child("bootstrap"),
-    };
+    let yardstick = run.yardstick(&discovery.selection);
     let view = View { run, discovery, contexts: &contexts, yardstick };
     let subset_rows: Vec<&[Rollout]> = subsets.iter().flatten().map(|id| options[id].as_slice()).collect();
     let sample = |name: &str, rows: &[&[Rollout]]| view.yardstick.sample(name, rows, &contexts.prices);
@@ -206,7 +202,8 @@ fn random_subsets(run: &Run<'_>, candidates: usize) -> Vec<Vec<usize>> {
         .collect()
 }
 
-fn measure_options(
+/// The held-out rollouts of candidates, by their positions.
+pub(crate) fn measure_options(
     run: &Run<'_>,
     discovery: &Discovery,
     contexts: &ContextSet,
@@ -234,7 +231,12 @@ fn measure_baselines(
         .filter(|(_, t)| t.usable)
         .map(|(m, t)| Performer {
             name: format!("teacher {m}"),
-            role: PerformerRole::Teacher(teacher(), t.key),
+            role: PerformerRole::Teacher {
+                teacher: teacher(),
+                key: t.key,
+                snapshot: None,
+                acts: TeacherActs::Mean,
+            },
         })
         .collect();
     let seed = run.seed.child("untrained");
@@ -243,7 +245,7 @@ fn measure_baselines(
         ("zero torque", one("zero torque", PerformerRole::Plain(|| Behavior::ZeroTorque))),
     ];
     if run.experiment.teacher.untrained(&run.spec, &seed).is_some() {
-        let role = PerformerRole::Untrained(teacher(), seed);
+        let role = PerformerRole::Untrained { teacher: teacher(), seed, acts: TeacherActs::Sample };
         groups.push(("untrained teacher", one("untrained teacher", role)));
     }
     groups.push(("teachers", teachers));
@@ -252,6 +254,19 @@ fn measure_baselines(
     let mut rollouts = run.evaluate("baselines", &groups, contexts, 0..contexts.keys.len())?.into_iter();
     let grouped = groups.iter().map(|group| rollouts.by_ref().take(group.len()).collect()).collect();
     Ok((names, grouped))
+}
+
+impl Run<'_> {
+    /// What held-out returns are measured against after this selection.
+    pub fn yardstick(&self, selection: &Selection) -> Yardstick<'_> {
+        Yardstick {
+            scale: selection.scale,
+            reference: selection.reference,
+            plan: &self.experiment.report,
+            return_floor: self.return_floor(),
+            seed: self.seed.child("bootstrap"),
+        }
+    }
 }
 
 /// How rollouts are looked at.

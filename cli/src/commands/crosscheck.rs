@@ -2,24 +2,18 @@
 
 use std::path::Path;
 
-use elo_core::crew::{Crew, Staff};
 use elo_core::crosscheck::crosscheck;
-use elo_core::discover::{Run, discover};
+use elo_core::discover::{Run, discover, duplicate};
 use elo_core::experiment::Experiment;
-use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::plugin::Plugin;
-use elo_core::run_dir::RunDir;
 use toml::{Table, Value};
 
 use crate::arguments::Crosscheck;
-use crate::commands::discover::{ready_to_run, workers};
 use crate::exit::Exit;
-use crate::hosts::Programs;
+use crate::open::{ready_to_run, staff, with_crew};
 use crate::output::print;
-use crate::progress::Progress;
-use crate::worker::formats;
-use crate::{interrupt, load, table};
+use crate::{load, table};
 
 /// Measures the candidates of a run on each engine and prints how far the engines agree.
 pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
@@ -43,22 +37,18 @@ pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     }
     ready_to_run(&experiment)?;
 
-    let run_dir = RunDir::open(&arguments.run)?;
-    let stop =
-        interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
-    let progress = Progress::new();
-    let staff =
-        Staff { workers: workers(arguments.workers)?, formats: formats(plugins), program: fingerprint() };
     // Which interpreter works may be said by any of the configs.
-    let hosts = others.iter().chain([&experiment]).find(|e| in_interpreter(e));
-    let programs = Programs::of(hosts.unwrap_or(&experiment));
-    let crew = Crew::new(staff, &run_dir, &programs, &progress, &stop);
-    let discovery = discover(&experiment, &crew)?;
-    let simulators: Vec<_> = others.into_iter().map(|other| other.simulator).collect();
-    let found = crosscheck(&Run::new(&experiment, &crew)?, &discovery, &simulators, arguments.contexts)?;
-    let mut json = serde_json::to_vec_pretty(&found).expect("figures are plain data");
-    json.push(b'\n');
-    run_dir.write_file("results/crosscheck.json", &json)?;
+    let hosts = others.iter().chain([&experiment]).find(|e| in_interpreter(e)).unwrap_or(&experiment);
+    let simulators: Vec<_> = others.iter().map(|other| duplicate(&other.simulator)).collect();
+    let staff = staff(arguments.workers, plugins)?;
+    let (found, json) = with_crew(&arguments.run, hosts, staff, |crew| {
+        let discovery = discover(&experiment, crew)?;
+        let found = crosscheck(&Run::new(&experiment, crew)?, &discovery, &simulators, arguments.contexts)?;
+        let mut json = serde_json::to_vec_pretty(&found).expect("figures are plain data");
+        json.push(b'\n');
+        crew.run_dir.write_file("results/crosscheck.json", &json)?;
+        Ok((found, json))
+    })?;
     if arguments.json { print(&String::from_utf8_lossy(&json)) } else { print(&table::crosscheck(&found)) }
 }
 

@@ -1,31 +1,25 @@
 //! `elo evaluate`: an option set on fresh contexts, on any simulator of its robot.
 
-use elo_core::crew::{Crew, Staff};
 use elo_core::discover::Run;
 use elo_core::evaluate::evaluate;
 use elo_core::experiment::Experiment;
-use elo_core::fingerprint::fingerprint;
 use elo_core::option_set::OptionSet;
 use elo_core::plugin::Plugin;
-use elo_core::run_dir::RunDir;
 use serde_json::Value;
 
 use crate::arguments::Evaluate;
-use crate::commands::discover::{ready_to_run, workers};
 use crate::exit::Exit;
-use crate::hosts::Programs;
+use crate::open::{ready_to_run, staff, with_crew};
 use crate::output::print;
-use crate::progress::Progress;
-use crate::worker::formats;
-use crate::{interrupt, load, table};
+use crate::{load, table};
 
 /// Measures the set and prints its figures.
 pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let set = OptionSet::read(&arguments.option_set).map_err(|error| Exit::BadInput(error.to_string()))?;
     let experiment = experiment(&set, arguments, plugins)?;
-    let formats = formats(plugins);
+    let staff = staff(arguments.workers, plugins)?;
     let spec = experiment.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
-    set.policies(&spec, &formats).map_err(|error| {
+    set.policies(&spec, &staff.formats).map_err(|error| {
         Exit::BadInput(format!("{}: {error}", arguments.option_set.join("manifest.json").display()))
     })?;
     ready_to_run(&experiment)?;
@@ -33,14 +27,9 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let temporary =
         tempfile::tempdir().map_err(|error| Exit::Failed(format!("no temporary folder: {error}")))?;
     let folder = arguments.out.as_deref().unwrap_or(temporary.path());
-    let run_dir = RunDir::open(folder)?;
-    let stop =
-        interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
-    let progress = Progress::new();
-    let staff = Staff { workers: workers(arguments.workers)?, formats, program: fingerprint() };
-    let programs = Programs::of(&experiment);
-    let crew = Crew::new(staff, &run_dir, &programs, &progress, &stop);
-    let evaluation = evaluate(&Run::new(&experiment, &crew)?, &set)?;
+    let evaluation = with_crew(folder, &experiment, staff, |crew| {
+        Ok(evaluate(&Run::new(&experiment, crew)?, &set)?)
+    })?;
     if arguments.json {
         let text = serde_json::to_string_pretty(&evaluation).expect("figures are plain data");
         print(&format!("{text}\n"))

@@ -23,6 +23,13 @@ fn better_first<Id: Ord>((first, score): &(Id, f64), (second, other): &(Id, f64)
     other.total_cmp(score).then_with(|| first.cmp(second))
 }
 
+/// Share of `scores` that fall short of the greatest by at most `share` of its size, itself among them; 0 without scores.
+pub fn near_best(scores: &[f64], share: f64) -> f64 {
+    let best = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let near = scores.iter().filter(|score| **score >= best - share * best.abs()).count();
+    near as f64 / scores.len().max(1) as f64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -47,5 +54,13 @@ mod tests {
         assert_eq!(top_k_positions(&[-0.0, 0.0, f64::INFINITY], 9), [2, 1, 0]);
         assert_eq!(top_k_positions(&[1.0, 2.0], 0), [0_usize; 0]);
         assert_eq!(top_k_positions(&[], 3), [0_usize; 0]);
+    }
+
+    #[test]
+    fn near_the_best_is_within_a_share_of_its_size() {
+        assert_eq!(near_best(&[1.0, 0.91, 0.89, -1.0], 0.1), 0.5);
+        // Below 0 the size of the best still counts: -1.1 is the border.
+        assert_eq!(near_best(&[-1.0, -1.1, -1.2], 0.1), 2.0 / 3.0);
+        assert_eq!(near_best(&[], 0.1), 0.0);
     }
 }

@@ -7,6 +7,7 @@ use super::play::Play;
 use super::{Site, Work, WorkError, input, learn, prepare, record};
 use crate::agent::{Agent, InfantAgent, RandomTorque, Taught, ZeroTorque};
 use crate::context::Context;
+use crate::experiment::TeacherActs;
 use crate::hosted::Hosted;
 use crate::policy::{Monitor, OptionPolicy, TeacherConfig, TeacherPolicy};
 use crate::rollout::{Ending, Horizon, Rollout};
@@ -49,19 +50,25 @@ pub enum Behavior {
     RandomTorque,
     /// No action.
     ZeroTorque,
-    /// An untrained teacher, acting by samples as a learning agent would.
+    /// An untrained teacher.
     Untrained {
         /// What makes it.
         teacher: Box<dyn TeacherConfig>,
         /// The root of its streams.
         seed: Seed,
+        /// By its mean, or by samples as a learning agent would.
+        acts: TeacherActs,
     },
-    /// A teacher, acting by its mean.
+    /// A teacher, or a policy that was kept on its way.
     Teacher {
         /// What reads it.
         teacher: Box<dyn TeacherConfig>,
         /// Which input holds it.
         input: usize,
+        /// Which of the kept policies; `None` for the trained one.
+        snapshot: Option<usize>,
+        /// By its mean or by samples.
+        acts: TeacherActs,
     },
     /// The infant agent with these options; with one option, that option again and again.
     Infant {
@@ -167,15 +174,15 @@ impl Subject {
         Ok(match &self.behavior {
             Behavior::RandomTorque => Cast::Random,
             Behavior::ZeroTorque => Cast::Zero,
-            Behavior::Untrained { teacher, seed } => {
+            Behavior::Untrained { teacher, seed, acts } => {
                 let untrained = teacher.untrained(spec, seed);
                 let none = || WorkError::Failed("this teacher was never untrained".to_owned());
                 let policy = teacher.load(&untrained.ok_or_else(none)?, spec).map_err(failed)?;
-                Cast::Policy { policy, sampling: true }
+                Cast::Policy { policy, sampling: *acts == TeacherActs::Sample }
             }
-            Behavior::Teacher { teacher, input: index } => {
-                let policy = record::load(teacher.as_ref(), input(inputs, *index)?, spec)?;
-                Cast::Policy { policy, sampling: false }
+            Behavior::Teacher { teacher, input: index, snapshot, acts } => {
+                let policy = record::load(teacher.as_ref(), input(inputs, *index)?, *snapshot, spec)?;
+                Cast::Policy { policy, sampling: *acts == TeacherActs::Sample }
             }
             Behavior::Infant { options, primitive_probability } => {
                 let load = |place: &Place| -> Result<Box<dyn OptionPolicy>, WorkError> {

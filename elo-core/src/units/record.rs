@@ -62,7 +62,7 @@ impl Record {
     ) -> Result<Vec<u8>, WorkError> {
         let simulator = site.simulator(self.simulator.as_ref())?;
         let teachers: Vec<Box<dyn TeacherPolicy>> = (0..self.tasks.len())
-            .map(|index| load(self.teacher.as_ref(), input(inputs, index)?, simulator.spec()))
+            .map(|index| load(self.teacher.as_ref(), input(inputs, index)?, None, simulator.spec()))
             .collect::<Result<_, _>>()?;
         let mut recordings = Vec::with_capacity(self.span.count);
         for (_, seed) in self.span.seeds(&self.seed) {
@@ -123,16 +123,22 @@ impl Record {
     }
 }
 
-/// Reads a teacher's result and makes its policy.
+/// Reads a teacher's result and makes its policy, or that of a snapshot on its way.
 pub(super) fn load(
     config: &dyn TeacherConfig,
     bytes: &[u8],
+    snapshot: Option<usize>,
     spec: &SimulatorSpec,
 ) -> Result<Box<dyn TeacherPolicy>, WorkError> {
     let trained = TeacherResult::decode(bytes)?
         .trained
         .ok_or_else(|| WorkError::Failed("this teacher's training diverged".to_owned()))?;
-    config.load(&trained.policy, spec).map_err(|error| WorkError::Failed(error.to_string()))
+    let tensors = match snapshot {
+        None => Some(&trained.policy),
+        Some(index) => trained.snapshots.get(index).map(|snapshot| &snapshot.policy),
+    };
+    let tensors = tensors.ok_or_else(|| WorkError::Failed("this teacher has no such snapshot".to_owned()))?;
+    config.load(tensors, spec).map_err(|error| WorkError::Failed(error.to_string()))
 }
 
 /// Notes observations and actions as they come.

@@ -16,7 +16,7 @@ use elo_cli::hosts::Programs;
 use elo_core::context::{Context, PreparedStart};
 use elo_core::crew::{Crew, Staff, Unit, Watcher};
 use elo_core::discover::duplicate;
-use elo_core::experiment::Experiment;
+use elo_core::experiment::{Experiment, TeacherActs};
 use elo_core::fingerprint::fingerprint;
 use elo_core::rollout::{Ending, Horizon, price};
 use elo_core::run_dir::RunDir;
@@ -91,7 +91,12 @@ fn contexts(root: &Seed) -> Vec<Context> {
 }
 
 fn episodes(experiment: &Experiment, root: &Seed) -> Evaluate {
-    let behavior = Behavior::Teacher { teacher: duplicate(&experiment.teacher), input: 1 };
+    let behavior = Behavior::Teacher {
+        teacher: duplicate(&experiment.teacher),
+        input: 1,
+        snapshot: None,
+        acts: TeacherActs::Mean,
+    };
     Evaluate {
         simulator: duplicate(&experiment.simulator),
         subjects: vec![Subject { name: "teacher".to_owned(), behavior }],
