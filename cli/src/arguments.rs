@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -43,6 +43,10 @@ pub enum Command {
     },
     /// Measure a finished run's options in the same contexts on other engines.
     Crosscheck(Crosscheck),
+    /// Measure the paper's figures and tables on a finished run.
+    Experiments(Experiments),
+    /// Run the paper's experiments and print each figure beside the paper's, or take up an interrupted reproduction.
+    Reproduce(Reproduce),
     /// Tell which engines were found, and what to run for those that are missing.
     Doctor,
 }
@@ -110,6 +114,54 @@ pub struct Crosscheck {
     /// Print the figures as JSON instead of a table.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Arguments of `elo experiments`.
+#[derive(Debug, Args)]
+pub struct Experiments {
+    /// A run directory that `elo discover` finished.
+    pub run: PathBuf,
+    /// Units of work under way at once [default: one a processor].
+    #[arg(long)]
+    pub workers: Option<usize>,
+    /// Print the figures as JSON instead of tables.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `elo reproduce`.
+#[derive(Debug, Args)]
+pub struct Reproduce {
+    /// ant, half-cheetah or walker2d; may be repeated [default: all three].
+    #[arg(long = "robot", value_name = "ROBOT")]
+    pub robots: Vec<String>,
+    /// The engine: rapier, or mujoco after `tests/set-up`.
+    #[arg(long, default_value = "rapier")]
+    pub simulator: String,
+    /// Minutes of small sizes, or hours of the paper's.
+    #[arg(long, value_enum, default_value = "quick")]
+    pub scale: Scale,
+    /// Whole pipelines with seeds 1, 2, …; from two on, intervals are over them.
+    #[arg(long, default_value_t = 1)]
+    pub seeds: u64,
+    /// Where the run directories and the results go.
+    #[arg(long, default_value = "runs/reproduce")]
+    pub out: PathBuf,
+    /// Units of work under way at once [default: one a processor].
+    #[arg(long)]
+    pub workers: Option<usize>,
+    /// Print the figures as JSON instead of tables.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// See [`Reproduce::scale`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Scale {
+    /// 2 teachers of 300,000 steps, 60 candidates, 60 contexts.
+    Quick,
+    /// 10 teachers of 2 million steps, 600 candidates, 300 contexts.
+    Paper,
 }
 
 /// What to do with a config.

@@ -11,11 +11,13 @@
 mod arguments;
 mod commands;
 pub mod exit;
+mod experiments_table;
 pub mod hosts;
 mod interrupt;
 pub mod load;
 mod open;
 mod output;
+mod paper;
 mod progress;
 mod table;
 mod worker;
@@ -41,6 +43,8 @@ pub fn main_with(plugins: &[&[Plugin]]) -> ExitCode {
         Command::Discover(arguments) => commands::discover::run(&arguments, plugins),
         Command::Evaluate(arguments) => commands::evaluate::run(&arguments, plugins),
         Command::Crosscheck(arguments) => commands::crosscheck::run(&arguments, plugins),
+        Command::Experiments(arguments) => commands::experiments::run(&arguments, plugins),
+        Command::Reproduce(arguments) => commands::reproduce::run(&arguments, plugins),
         Command::Plugins => commands::plugins::run(plugins),
         Command::Example { kind } => commands::example::run(&kind, plugins),
         Command::Config { action } => commands::config::run(&action, plugins),

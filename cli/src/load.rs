@@ -27,6 +27,11 @@ pub fn experiment(path: &Path, overrides: &[String], plugins: &[&[Plugin]]) -> R
     checked((&text, path), folder, overrides, plugins).map_err(|error| Exit::BadInput(error.to_string()))
 }
 
+/// Reads the experiment of a run directory.
+pub fn of_run(folder: &Path, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
+    experiment(&folder.join("experiment.toml"), &[], plugins)
+}
+
 /// Checks the experiment that the file `name` holds in another form, which is `text` in TOML.
 pub fn embedded(
     text: &str,

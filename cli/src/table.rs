@@ -127,7 +127,7 @@ pub fn crosscheck(found: &Crosscheck) -> String {
     text
 }
 
-fn heading(text: &mut String) {
+pub fn heading(text: &mut String) {
     let _ = writeln!(
         text,
         "{:<34} {:>24} {:>22} {:>22} {:>20} {:>20} {:>6} {:>6}",
@@ -135,7 +135,7 @@ fn heading(text: &mut String) {
     );
 }
 
-fn line(text: &mut String, name: &str, row: &Row) {
+pub fn line(text: &mut String, name: &str, row: &Row) {
     let _ = writeln!(
         text,
         "{name:<34} {:>24} {:>22} {:>22} {:>20} {:>20} {:>4.0} % {:>6.0}",
@@ -159,7 +159,7 @@ fn comparisons(text: &mut String, against: &[Comparison]) {
     }
 }
 
-fn interval(interval: &Interval, digits: usize) -> String {
+pub fn interval(interval: &Interval, digits: usize) -> String {
     let Interval { estimate, low, high } = interval;
     format!("{estimate:.digits$} [{low:.digits$}, {high:.digits$}]")
 }

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::context::Split;
 use crate::crew::RunError;
-use crate::experiment::TeacherActs;
 use crate::discover::{Candidate, ContextSet, Discovery, Run, duplicate};
+use crate::experiment::TeacherActs;
 use crate::figures::{Comparison, Row, Sample, Yardstick};
 use crate::metric::Reference;
 use crate::performer::{Performer, PerformerRole};

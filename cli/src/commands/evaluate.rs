@@ -27,9 +27,8 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let temporary =
         tempfile::tempdir().map_err(|error| Exit::Failed(format!("no temporary folder: {error}")))?;
     let folder = arguments.out.as_deref().unwrap_or(temporary.path());
-    let evaluation = with_crew(folder, &experiment, staff, |crew| {
-        Ok(evaluate(&Run::new(&experiment, crew)?, &set)?)
-    })?;
+    let evaluation =
+        with_crew(folder, &experiment, staff, |crew| Ok(evaluate(&Run::new(&experiment, crew)?, &set)?))?;
     if arguments.json {
         let text = serde_json::to_string_pretty(&evaluation).expect("figures are plain data");
         print(&format!("{text}\n"))

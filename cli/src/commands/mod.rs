@@ -6,5 +6,7 @@ pub mod discover;
 pub mod doctor;
 pub mod evaluate;
 pub mod example;
+pub mod experiments;
 pub mod plan;
 pub mod plugins;
+pub mod reproduce;

@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{Measured, View};
 use crate::crew::RunError;
+use crate::discover::duplicate;
 use crate::experiment::TeacherActs;
 use crate::figures::{Row, Sample};
 use crate::key::Key;
-use crate::discover::duplicate;
 use crate::performer::{Performer, PerformerRole};
 use crate::report::statistics;
 use crate::seed::{Seed, Stream};

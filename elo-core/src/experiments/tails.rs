@@ -103,7 +103,8 @@ pub(crate) fn tables(view: &View<'_>) -> Result<Vec<TailTable>, RunError> {
 pub(crate) fn sweep(view: &View<'_>) -> Result<Vec<SweepPoint>, RunError> {
     let alpha = view.run.experiment.report.alpha;
     let ks = &view.run.experiment.experiments.sweep;
-    let lower = ks.iter().map(|k| (Tail::Lower, *k, Box::new(NegativeTail { k: *k, alpha }) as Box<dyn Metric>));
+    let lower =
+        ks.iter().map(|k| (Tail::Lower, *k, Box::new(NegativeTail { k: *k, alpha }) as Box<dyn Metric>));
     let upper = ks.iter().map(|k| (Tail::Upper, *k, Box::new(PositiveSkew { k: *k }) as Box<dyn Metric>));
     let (mut points, mut metrics) = (Vec::new(), Vec::new());
     for (tail, k, metric) in lower.chain(upper) {
@@ -140,7 +141,8 @@ impl<'a> Sets<'a> {
         let scaling = ReturnScaling { set_value, ..run.experiment.returns.clone() };
         let pool = Pool { candidates: &discovery.candidates, contexts: &discovery.contexts };
         let (selection, _) = run.select(&pool, metrics, &scaling)?;
-        let mut wanted: Vec<usize> = selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
+        let mut wanted: Vec<usize> =
+            selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
         wanted.sort_unstable();
         wanted.dedup();
         let rollouts = measure_options(run, discovery, &view.held_out.contexts, &wanted)?;

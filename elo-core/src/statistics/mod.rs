@@ -20,6 +20,7 @@ pub mod bootstrap;
 pub mod density;
 pub mod proportion;
 pub mod ranking;
+pub mod student;
 pub mod summary;
 
 /// Why a statistic has no value.

@@ -1,0 +1,133 @@
+//! `elo reproduce`: the paper's experiments, from nothing to figures beside the paper's.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use elo_core::experiments::Experiments;
+use elo_core::plugin::Plugin;
+use serde::Serialize;
+
+use crate::arguments::{Reproduce, Scale};
+use crate::commands::{discover, experiments};
+use crate::exit::Exit;
+use crate::open::{ready_to_run, staff, with_crew};
+use crate::output::{print, print_error};
+use crate::paper::{self, Beside};
+use crate::{experiments_table, load};
+
+/// The configs of `examples/paper`.
+const PRESETS: [(&str, &str); 3] = [
+    ("ant", include_str!("../../../examples/paper/ant.toml")),
+    ("half-cheetah", include_str!("../../../examples/paper/half-cheetah.toml")),
+    ("walker2d", include_str!("../../../examples/paper/walker2d.toml")),
+];
+
+/// What the quick scale changes.
+const QUICK: [&str; 8] = [
+    "teacher.steps=300000",
+    "teacher.snapshots=6",
+    "discover.teachers=2",
+    "discover.candidates=60",
+    "discover.contexts=60",
+    "report.contexts=100",
+    "report.random_subsets=4",
+    "teacher.d0_pool=100",
+];
+
+/// One robot's runs.
+#[derive(Serialize)]
+struct Reproduced {
+    robot: String,
+    /// Our figures beside the paper's.
+    beside: Vec<Beside>,
+    /// What each pipeline seed found.
+    seeds: Vec<Experiments>,
+}
+
+/// Runs what is missing, robot by robot and seed by seed, and prints our figures beside the paper's.
+pub fn run(arguments: &Reproduce, plugins: &[&[Plugin]]) -> Result<(), Exit> {
+    if arguments.seeds == 0 {
+        return Err(Exit::BadInput("`--seeds`: expected at least 1, got 0".to_owned()));
+    }
+    let presets = presets(&arguments.robots)?;
+    let scale = match arguments.scale {
+        Scale::Quick => "quick",
+        Scale::Paper => "paper",
+    };
+    let folder = arguments.out.join(format!("{scale}-{}", arguments.simulator));
+    let runs = presets.len() as u64 * arguments.seeds;
+    let (mut all, mut done) = (Vec::new(), 0);
+    for (robot, preset) in presets {
+        let mut seeds = Vec::new();
+        for seed in 1..=arguments.seeds {
+            done += 1;
+            print_error(&format!("{robot}, seed {seed} (run {done} of {runs})"));
+            let run = folder.join(format!("{robot}-seed-{seed}"));
+            seeds.push(one(arguments, (robot, preset), seed, &run, plugins)?);
+        }
+        let beside = paper::beside(&seeds, CONFIDENCE);
+        if !arguments.json {
+            let tables = seeds.iter().map(|found| experiments_table::experiments(found, CONFIDENCE));
+            print(&(tables.collect::<String>() + &experiments_table::beside(&beside)))?;
+        }
+        all.push(Reproduced { robot: robot.to_owned(), beside, seeds });
+    }
+    let json = serde_json::to_string_pretty(&all).expect("figures are plain data") + "\n";
+    let files = [("reproduction.json", json.clone()), ("reproduction.csv", csv(&all))];
+    for (name, text) in files {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|error| Exit::Failed(format!("{}: {error}", path.display())))?;
+    }
+    if arguments.json { print(&json) } else { print(&format!("results in {}\n", folder.display())) }
+}
+
+/// Coverage of the intervals: that of the presets.
+const CONFIDENCE: f64 = 0.95;
+
+/// The wanted presets in the paper's order; all without a wish.
+fn presets(robots: &[String]) -> Result<Vec<(&'static str, &'static str)>, Exit> {
+    if let Some(unknown) = robots.iter().find(|robot| PRESETS.iter().all(|(name, _)| name != robot)) {
+        let names = PRESETS.map(|(name, _)| name).join(", ");
+        return Err(Exit::BadInput(format!("`--robot`: expected one of {names}, got {unknown}")));
+    }
+    let wanted = |name: &str| robots.is_empty() || robots.iter().any(|robot| robot == name);
+    Ok(PRESETS.into_iter().filter(|(name, _)| wanted(name)).collect())
+}
+
+fn one(
+    arguments: &Reproduce,
+    (robot, preset): (&str, &str),
+    seed: u64,
+    folder: &Path,
+    plugins: &[&[Plugin]],
+) -> Result<Experiments, Exit> {
+    let mut overrides = vec![format!("seed={seed}"), format!("simulator.kind={}", arguments.simulator)];
+    if arguments.scale == Scale::Quick {
+        overrides.extend(QUICK.map(str::to_owned));
+    }
+    let name = PathBuf::from(format!("the preset of {robot}"));
+    let experiment = load::embedded(preset, &name, &overrides, plugins)?;
+    ready_to_run(&experiment)?;
+    let staff = staff(arguments.workers, plugins)?;
+    with_crew(folder, &experiment, staff, |crew| {
+        discover::run_in(&experiment, crew)?;
+        experiments::run_in(&experiment, crew)
+    })
+}
+
+fn csv(all: &[Reproduced]) -> String {
+    let mut text = "robot,figure,estimate,low,high,seeds,paper,comparable,remark,note\n".to_owned();
+    for (robot, beside) in all.iter().flat_map(|one| one.beside.iter().map(move |b| (&one.robot, b))) {
+        let ours = beside.ours.map_or(",,".to_owned(), |i| format!("{},{},{}", i.estimate, i.low, i.high));
+        let seeds = beside.seeds.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+        let paper = beside.paper.map_or(String::new(), |value| value.to_string());
+        let note = beside.note.as_deref().unwrap_or_default();
+        let (figure, remark) = (&beside.figure, beside.remark());
+        let comparable = beside.comparable;
+        let _ = writeln!(
+            text,
+            "{robot},\"{figure}\",{ours},{seeds},{paper},{comparable},\"{remark}\",\"{note}\""
+        );
+    }
+    text
+}

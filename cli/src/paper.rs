@@ -1,0 +1,190 @@
+//! What Weber et al. 2019 report, and how our figures stand beside theirs.
+//!
+//! Their returns are normalised in a way that the paper does not give, so means of different normalisations are no
+//! comparison of level; areas, improvements, shares and training steps are.
+
+use elo_core::experiment::TeacherActs;
+use elo_core::experiments::Experiments;
+use elo_core::experiments::curve::Crossing;
+use elo_core::experiments::tails::TailTable;
+use elo_core::figures::Tail;
+use elo_core::statistics::bootstrap::Interval;
+use elo_core::statistics::student::mean_interval;
+use serde::Serialize;
+
+/// One robot's figures in the paper.
+pub struct PaperFigures {
+    /// PPO steps whose mean return the infant agent's is comparable to (section 5.2, about Figures 5.2 and 5.3).
+    ppo_steps: Option<f64>,
+    /// Table 5.1.
+    lower: PaperTail,
+    /// Table 5.2.
+    upper: PaperTail,
+}
+
+struct PaperTail {
+    baseline: (f64, f64),
+    set: (f64, f64),
+    improvement: f64,
+}
+
+/// Share of candidates within 10 % of the best by `ψ_+` (Figure 5.6; the paper does not say of which robot).
+const NEAR_BEST: f64 = 0.0067;
+
+/// What the paper reports of a robot.
+pub fn figures_of(robot: &str) -> Option<PaperFigures> {
+    let tail = |baseline, set, improvement| PaperTail { baseline, set, improvement };
+    let (ppo_steps, lower, upper) = match robot {
+        "ant" => (
+            Some(200_000.0),
+            tail((0.328, 0.133), (0.332, 0.097), 0.270),
+            tail((0.328, 0.533), (0.334, 0.597), 0.120),
+        ),
+        "half-cheetah" => (
+            Some(190_000.0),
+            tail((0.082, 0.143), (0.079, 0.127), 0.111),
+            tail((0.082, 0.550), (0.082, 0.550), 0.0),
+        ),
+        "walker2d" => {
+            (None, tail((0.122, 0.243), (0.115, 0.192), 0.209), tail((0.122, 0.563), (0.125, 0.595), 0.057))
+        }
+        _ => return None,
+    };
+    Some(PaperFigures { ppo_steps, lower, upper })
+}
+
+/// One of our figures beside the paper's.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Beside {
+    /// Where the paper has it, and what it is.
+    pub figure: String,
+    /// Each pipeline seed's estimate.
+    pub seeds: Vec<f64>,
+    /// Ours: over contexts for one seed, over seeds (Student's t) for several. `None` where no seed has it.
+    pub ours: Option<Interval>,
+    /// What to know of ours, e.g. that it lies outside the learning curve.
+    pub note: Option<String>,
+    /// The paper's, if it has one.
+    pub paper: Option<f64>,
+    /// Digits after the point when shown.
+    #[serde(skip)]
+    pub digits: usize,
+    /// Whether the two may be compared: not where returns are normalised in another way.
+    pub comparable: bool,
+}
+
+impl Beside {
+    /// How ours stands to the paper's, in words.
+    pub fn remark(&self) -> &'static str {
+        match (&self.ours, self.paper) {
+            _ if !self.comparable => "another normalisation",
+            (Some(ours), Some(paper)) if ours.contains(paper) => "holds the paper's",
+            (Some(ours), Some(paper)) if ours.low > paper => "above the paper's",
+            (Some(_), Some(_)) => "below the paper's",
+            (None, Some(_)) => "not defined here",
+            (_, None) => "",
+        }
+    }
+}
+
+/// Every figure of the paper that the runs have, one run a pipeline seed of one robot.
+pub fn beside(runs: &[Experiments], confidence: f64) -> Vec<Beside> {
+    let Some(paper) = runs.first().and_then(|run| figures_of(&run.robot)) else { return Vec::new() };
+    let over = Over { runs, confidence };
+    let mut all = vec![over.steps(paper.ppo_steps)];
+    for (table, tail, figures) in
+        [("Table 5.1", Tail::Lower, &paper.lower), ("Table 5.2", Tail::Upper, &paper.upper)]
+    {
+        all.extend(over.tail(table, tail, figures));
+    }
+    let spread = |run: &Experiments| {
+        let spread = run.spreads.iter().find(|spread| spread.metric.starts_with("positive_skew"))?;
+        Some(Interval { estimate: spread.near_best, low: spread.near_best, high: spread.near_best })
+    };
+    all.push(over.figure(
+        "Figure 5.6: share within 10 % of the best by ψ+",
+        (Some(NEAR_BEST), 4, true),
+        spread,
+    ));
+    all
+}
+
+struct Over<'a> {
+    runs: &'a [Experiments],
+    confidence: f64,
+}
+
+impl Over<'_> {
+    fn figure(
+        &self,
+        figure: &str,
+        (paper, digits, comparable): (Option<f64>, usize, bool),
+        of: impl Fn(&Experiments) -> Option<Interval>,
+    ) -> Beside {
+        let found: Vec<Interval> = self.runs.iter().filter_map(of).collect();
+        let seeds: Vec<f64> = found.iter().map(|interval| interval.estimate).collect();
+        let ours = match found.as_slice() {
+            [] => None,
+            [one] => Some(*one),
+            _ => mean_interval(&seeds, self.confidence).ok(),
+        };
+        let missing = self.runs.len() - found.len();
+        let note = (missing > 0).then(|| format!("not defined in {missing} of {} runs", self.runs.len()));
+        Beside { figure: figure.to_owned(), seeds, ours, note, paper, digits, comparable }
+    }
+
+    /// Training steps of PPO, acting by samples, that earn what the set of `ψ_μ` earns.
+    fn steps(&self, paper: Option<f64>) -> Beside {
+        let of = |run: &Experiments| {
+            let mut found = run.equivalents.iter();
+            let found = found.find(|e| e.agent == "maximum_mean" && e.acts == TeacherActs::Sample)?;
+            let last = run.curve.last()?.steps as f64;
+            // An end outside the curve is shown as the curve's own end, and the note says so.
+            let end = |crossing| match crossing {
+                Crossing::BelowCurve => 0.0,
+                Crossing::At(steps) => steps,
+                Crossing::AboveCurve => last,
+            };
+            let inside = matches!(found.steps, Crossing::At(_));
+            inside.then(|| Interval {
+                estimate: end(found.steps),
+                low: end(found.low),
+                high: end(found.high),
+            })
+        };
+        let mut beside = self.figure("Figures 5.2, 5.3: PPO steps that earn as much", (paper, 0, true), of);
+        let places: Vec<&str> = self
+            .runs
+            .iter()
+            .flat_map(|run| &run.equivalents)
+            .filter(|e| e.agent == "maximum_mean" && e.acts == TeacherActs::Sample)
+            .filter_map(|e| match e.steps {
+                Crossing::BelowCurve => Some("no more than the untrained policy"),
+                Crossing::AboveCurve => Some("more than any policy of the curve"),
+                Crossing::At(_) => None,
+            })
+            .collect();
+        beside.note = (!places.is_empty()).then(|| format!("the infant agent earns {}", places.join(", ")));
+        beside
+    }
+
+    fn tail(&self, name: &str, tail: Tail, paper: &PaperTail) -> Vec<Beside> {
+        let of = |pick: fn(&TailTable) -> Option<Interval>| {
+            move |run: &Experiments| run.tails.iter().find(|table| table.tail == tail).and_then(pick)
+        };
+        let (symbol, area) = match tail {
+            Tail::Lower => ("ψ-", "Pr(V < μ* − α σ*)"),
+            Tail::Upper => ("ψ+", "Pr(V > μ*)"),
+        };
+        let row = |what: String, paper, comparable, pick| {
+            self.figure(&format!("{name}: {what}"), (Some(paper), 3, comparable), of(pick))
+        };
+        vec![
+            row("mean under ψμ".to_owned(), paper.baseline.0, false, |t| Some(t.baseline.mean)),
+            row(format!("{area} under ψμ"), paper.baseline.1, true, |t| Some(t.baseline.area)),
+            row(format!("mean under {symbol}"), paper.set.0, false, |t| Some(t.set.mean)),
+            row(format!("{area} under {symbol}"), paper.set.1, true, |t| Some(t.set.area)),
+            row("improvement of the area".to_owned(), paper.improvement, true, |t| t.improvement),
+        ]
+    }
+}
