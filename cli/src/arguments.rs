@@ -43,6 +43,10 @@ pub enum Command {
     },
     /// Measure a finished run's options in the same contexts on other engines.
     Crosscheck(Crosscheck),
+    /// Price a finished run's rollouts for another range of tasks, without simulating.
+    Reprice(Reprice),
+    /// Compare the option sets of two runs on common contexts.
+    Compare(Compare),
     /// Measure the paper's figures and tables on a finished run.
     Experiments(Experiments),
     /// Run the paper's experiments and print each figure beside the paper's, or take up an interrupted reproduction.
@@ -108,6 +112,34 @@ pub struct Crosscheck {
     /// Held-out contexts in which every candidate is measured on every engine.
     #[arg(long, default_value_t = 30)]
     pub contexts: usize,
+    /// Units of work under way at once [default: one a processor].
+    #[arg(long)]
+    pub workers: Option<usize>,
+    /// Print the figures as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `elo reprice`.
+#[derive(Debug, Args)]
+pub struct Reprice {
+    /// A run directory that `elo discover` finished.
+    pub run: PathBuf,
+    /// The new range of a task parameter, e.g. electricity_cost=-4..-3; may be repeated. Others keep the run's range.
+    #[arg(long = "tasks", value_name = "NAME=LOW..HIGH", required = true)]
+    pub tasks: Vec<String>,
+    /// Print the figures as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `elo compare`.
+#[derive(Debug, Args)]
+pub struct Compare {
+    /// A run directory that `elo discover` finished; simulator, tasks and contexts are its own.
+    pub first: PathBuf,
+    /// Another one, of the same robot.
+    pub second: PathBuf,
     /// Units of work under way at once [default: one a processor].
     #[arg(long)]
     pub workers: Option<usize>,

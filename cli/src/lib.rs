@@ -43,6 +43,8 @@ pub fn main_with(plugins: &[&[Plugin]]) -> ExitCode {
         Command::Discover(arguments) => commands::discover::run(&arguments, plugins),
         Command::Evaluate(arguments) => commands::evaluate::run(&arguments, plugins),
         Command::Crosscheck(arguments) => commands::crosscheck::run(&arguments, plugins),
+        Command::Reprice(arguments) => commands::reprice::run(&arguments, plugins),
+        Command::Compare(arguments) => commands::compare::run(&arguments, plugins),
         Command::Experiments(arguments) => commands::experiments::run(&arguments, plugins),
         Command::Reproduce(arguments) => commands::reproduce::run(&arguments, plugins),
         Command::Plugins => commands::plugins::run(plugins),

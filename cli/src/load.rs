@@ -27,9 +27,21 @@ pub fn experiment(path: &Path, overrides: &[String], plugins: &[&[Plugin]]) -> R
     checked((&text, path), folder, overrides, plugins).map_err(|error| Exit::BadInput(error.to_string()))
 }
 
-/// Reads the experiment of a run directory.
+/// Reads the experiment of a run directory that `elo discover` finished.
 pub fn of_run(folder: &Path, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
-    experiment(&folder.join("experiment.toml"), &[], plugins)
+    let config = folder.join("experiment.toml");
+    let missing = |what: &str| Err(Exit::BadInput(format!("{}: {what}", folder.display())));
+    if !config.is_file() {
+        return missing(
+            "is no run directory: it has no experiment.toml; `elo discover CONFIG --out DIRECTORY` makes one",
+        );
+    }
+    if !folder.join("results/report.json").is_file() {
+        return missing(
+            "this run is not finished: take it up with `elo discover DIRECTORY/experiment.toml --out DIRECTORY`",
+        );
+    }
+    experiment(&config, &[], plugins)
 }
 
 /// Checks the experiment that the file `name` holds in another form, which is `text` in TOML.

@@ -2,10 +2,12 @@
 
 use std::fmt::Write as _;
 
+use elo_core::compare::RunComparison;
 use elo_core::crosscheck::{Crosscheck, Difference};
 use elo_core::evaluate::Evaluation;
 use elo_core::figures::{Comparison, Row};
 use elo_core::report::Report;
+use elo_core::reprice::Repriced;
 use elo_core::statistics::bootstrap::Interval;
 
 /// The table that `elo discover` ends with.
@@ -162,4 +164,55 @@ fn comparisons(text: &mut String, against: &[Comparison]) {
 pub fn interval(interval: &Interval, digits: usize) -> String {
     let Interval { estimate, low, high } = interval;
     format!("{estimate:.digits$} [{low:.digits$}, {high:.digits$}]")
+}
+
+/// The table that `elo reprice` ends with.
+pub fn repriced(found: &Repriced) -> String {
+    let Repriced { robot, engine, seed, contexts, sets, baselines, .. } = found;
+    let (name, version) = (&engine.name, &engine.version);
+    let mut text = format!(
+        "\n{robot} in {name} {version}, seed {seed}: {contexts} held-out contexts with tasks of the new ranges; nothing was \
+         simulated\n"
+    );
+    let list = |numbers: &[usize]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+    heading(&mut text);
+    for set in sets {
+        line(&mut text, &set.metric, &set.row);
+        if set.chosen == set.options {
+            let _ = writeln!(text, "  the same options would be chosen: {}", list(&set.options));
+            continue;
+        }
+        let _ =
+            writeln!(text, "  its options {}; now {} would be chosen", list(&set.options), list(&set.chosen));
+        match &set.chosen_row {
+            Some(row) => line(&mut text, "  those", row),
+            None => text.push_str(
+                "  some of those have no held-out rollouts: `elo discover` with these ranges measures them\n",
+            ),
+        }
+    }
+    for row in baselines {
+        line(&mut text, &row.name, row);
+    }
+    text
+}
+
+/// The table that `elo compare` ends with.
+pub fn compared(found: &RunComparison, names: &[String; 2]) -> String {
+    let RunComparison { robot, engine, contexts, seed, pairs } = found;
+    let (name, version) = (&engine.name, &engine.version);
+    let mut text = format!(
+        "\n{robot} in {name} {version}: {contexts} common contexts, the held-out ones of seed {seed}\n"
+    );
+    let [first, second] = names;
+    for pair in pairs {
+        heading(&mut text);
+        line(&mut text, &pair.first.name, &pair.first);
+        let _ = writeln!(text, "  of {first}");
+        line(&mut text, &pair.second.name, &pair.second);
+        let _ = writeln!(text, "  of {second}");
+        let _ = writeln!(text, "{:<34} {:>24}", "second minus first", interval(&pair.difference, 1));
+        let _ = writeln!(text, "{:<34} {:>24}\n", "falls, second minus first", interval(&pair.falls, 3));
+    }
+    text
 }

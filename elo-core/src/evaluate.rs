@@ -12,7 +12,6 @@ use crate::report::statistics;
 use crate::rollout::Rollout;
 use crate::simulator::Engine;
 use crate::units::evaluate::Behavior;
-use crate::units::learn;
 use crate::units::prepare::TaskSource;
 
 /// What was measured of a set.
@@ -51,20 +50,14 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
     let plan = &run.experiment.report;
     let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
     let contexts = run.prepare_contexts(Split::Report, plan.contexts, &tasks)?;
-    let records: Vec<_> = set.options.iter().cloned().map(Some).collect();
-    let key = run.crew.import(&learn::encode(&records))?;
-
-    let option = |item: usize| Performer::option(manifest.options[item].number, key, item);
     let plain =
         |name: &str, behavior| Performer { name: name.to_owned(), role: PerformerRole::Plain(behavior) };
-    let groups: Vec<Vec<Performer>> = (0..set.options.len())
-        .map(|item| vec![option(item)])
-        .chain([vec![
-            plain("random torque", || Behavior::RandomTorque),
-            plain("zero torque", || Behavior::ZeroTorque),
-        ]])
-        .collect();
-    let rollouts = run.evaluate("rollouts", &groups, &contexts, 0..contexts.keys.len())?;
+    let baselines = [vec![
+        plain("random torque", || Behavior::RandomTorque),
+        plain("zero torque", || Behavior::ZeroTorque),
+    ]];
+    let mut rollouts = run.measure_set("rollouts", set, &contexts)?;
+    rollouts.extend(run.evaluate("baselines", &baselines, &contexts, 0..contexts.keys.len())?);
 
     let yardstick = Yardstick {
         scale: manifest.scale,

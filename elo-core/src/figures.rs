@@ -57,7 +57,8 @@ pub struct Sample {
     pub name: String,
     /// As the tasks pay them.
     pub returns: Vec<Vec<f64>>,
-    falls: Vec<f64>,
+    /// Share of the members that fell in each context.
+    pub falls: Vec<f64>,
     failures: f64,
     mean_length: f64,
 }

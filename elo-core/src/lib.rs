@@ -5,6 +5,7 @@
 //! it their [`plugin::Plugin`] slices.
 
 pub mod agent;
+pub mod compare;
 pub mod config;
 pub mod conformance;
 pub mod context;
@@ -27,6 +28,7 @@ pub mod performer;
 pub mod plugin;
 pub mod policy;
 pub mod report;
+pub mod reprice;
 pub mod results;
 pub mod returns;
 pub mod rollout;

@@ -21,6 +21,25 @@ pub struct Pool<'a> {
 }
 
 impl Run<'_> {
+    /// What candidates are ranked by.
+    pub(crate) fn scoring<'b>(
+        &'b self,
+        candidates: &[Candidate],
+        metrics: &'b [Box<dyn Metric>],
+        scaling: &'b ReturnScaling,
+    ) -> Scoring<'b> {
+        let returns: f64 = candidates.iter().map(|candidate| candidate.teacher_return).sum();
+        Scoring {
+            judge: self,
+            set_size: self.experiment.discover.set_size,
+            metrics,
+            scaling,
+            failures: &self.experiment.failures,
+            return_floor: self.return_floor(),
+            teacher_mean: returns / candidates.len() as f64,
+        }
+    }
+
     /// Selects a set by each of `metrics`, measuring whatever the run directory does not hold yet. Gives every
     /// candidate's rollouts too, over the contexts that it has met.
     ///
@@ -32,16 +51,7 @@ impl Run<'_> {
         metrics: &[Box<dyn Metric>],
         scaling: &ReturnScaling,
     ) -> Result<(Selection, Vec<Vec<Rollout>>), RunError> {
-        let returns: f64 = pool.candidates.iter().map(|candidate| candidate.teacher_return).sum();
-        let scoring = Scoring {
-            judge: self,
-            set_size: self.experiment.discover.set_size,
-            metrics,
-            scaling,
-            failures: &self.experiment.failures,
-            return_floor: self.return_floor(),
-            teacher_mean: returns / pool.candidates.len() as f64,
-        };
+        let scoring = self.scoring(pool.candidates, metrics, scaling);
         let mut bench = Measured { run: self, pool, rollouts: Vec::new() };
         let selection = self.experiment.selector.select(&mut bench, &scoring).map_err(unwrap_select)?;
         if let Some(empty) = selection.choices.iter().find(|choice| choice.chosen.is_empty()) {
@@ -104,7 +114,7 @@ impl Bench for Measured<'_> {
     }
 }
 
-fn unwrap_select(error: SelectError) -> RunError {
+pub(crate) fn unwrap_select(error: SelectError) -> RunError {
     match error {
         SelectError::Measure(inner) => inner
             .downcast::<RunError>()

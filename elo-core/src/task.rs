@@ -54,6 +54,20 @@ impl TaskDistribution {
         Self(ranges.into_iter().map(|(name, range)| (name.to_owned(), range)).collect())
     }
 
+    /// The parameters that have a range.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.keys().map(String::as_str)
+    }
+
+    /// These ranges, and of `other` those of parameters that have none here.
+    #[must_use]
+    pub fn over(mut self, other: &Self) -> Self {
+        for (name, range) in &other.0 {
+            self.0.entry(name.clone()).or_insert_with(|| range.clone());
+        }
+        self
+    }
+
     /// Draws one task; parameters are drawn in the order of their names.
     pub fn draw(&self, stream: &mut Stream) -> Task {
         let value = |range: &Range, stream: &mut Stream| {

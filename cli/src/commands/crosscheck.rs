@@ -18,7 +18,7 @@ use crate::{load, table};
 /// Measures the candidates of a run on each engine and prints how far the engines agree.
 pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let config = arguments.run.join("experiment.toml");
-    let experiment = load::experiment(&config, &[], plugins)?;
+    let experiment = load::of_run(&arguments.run, plugins)?;
     if arguments.contexts < 2 {
         return Err(Exit::BadInput(format!("`--contexts`: expected at least 2, got {}", arguments.contexts)));
     }

@@ -1,5 +1,6 @@
 //! One file a command.
 
+pub mod compare;
 pub mod config;
 pub mod crosscheck;
 pub mod discover;
@@ -9,4 +10,5 @@ pub mod example;
 pub mod experiments;
 pub mod plan;
 pub mod plugins;
+pub mod reprice;
 pub mod reproduce;

@@ -1,0 +1,151 @@
+//! The sets of two runs on common contexts: whose earns more, and by how much.
+
+use serde::{Deserialize, Serialize};
+
+use crate::context::Split;
+use crate::crew::RunError;
+use crate::discover::{ContextSet, Run};
+use crate::figures::{Row, Sample, Yardstick};
+use crate::metric::Reference;
+use crate::option_set::OptionSet;
+use crate::performer::Performer;
+use crate::report::statistics;
+use crate::returns::Scale;
+use crate::rollout::Rollout;
+use crate::simulator::Engine;
+use crate::statistics::bootstrap::{Interval, paired_difference};
+use crate::units::learn;
+use crate::units::prepare::TaskSource;
+
+/// What the comparison found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunComparison {
+    /// The robot.
+    pub robot: String,
+    /// The engine, that of the first run.
+    pub engine: Engine,
+    /// The contexts: the held-out ones of the first run.
+    pub contexts: usize,
+    /// The root seed that they come from. Where the second run has the same, they are its held-out contexts too.
+    pub seed: u64,
+    /// Each pair of sets: those of the same metric; all of them where no metric is in both runs.
+    pub pairs: Vec<SetPair>,
+}
+
+/// A set of each run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SetPair {
+    /// The first run's, named by its metric. Normalised figures are by the first set's own normalisation and reference.
+    pub first: Row,
+    /// The second run's.
+    pub second: Row,
+    /// Mean return of the second less that of the first, context by context.
+    pub difference: Interval,
+    /// Share of falls of the second less that of the first.
+    pub falls: Interval,
+}
+
+/// Measures the sets of two runs in the held-out contexts of the first, whose run is `run`.
+///
+/// Costs (options of all sets) · contexts · T control steps.
+///
+/// # Errors
+/// See [`RunError`]; also sets of another horizon.
+pub fn compare(run: &Run<'_>, first: &[OptionSet], second: &[OptionSet]) -> Result<RunComparison, RunError> {
+    let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
+    let contexts = run.prepare_contexts(Split::Report, run.experiment.report.contexts, &tasks)?;
+    let horizon = run.experiment.discover.horizon();
+    if let Some(other) = first.iter().chain(second).find(|set| set.manifest.horizon != horizon) {
+        return Err(RunError::Config(format!(
+            "returns of {:?} and of {:?} are not comparable",
+            horizon, other.manifest.horizon
+        )));
+    }
+    let (first, second) = (members(run, first, &contexts)?, members(run, second, &contexts)?);
+    let same = |a: &Members<'_>, b: &Members<'_>| a.set.manifest.metric == b.set.manifest.metric;
+    let meet = first.iter().any(|a| second.iter().any(|b| same(a, b)));
+    let mut pairs = Vec::new();
+    for a in &first {
+        for b in second.iter().filter(|b| !meet || same(a, b)) {
+            pairs.push(pair(run, (a, b), &contexts).map_err(statistics)?);
+        }
+    }
+    Ok(RunComparison {
+        robot: run.spec.robot.clone(),
+        engine: run.experiment.simulator.engine(),
+        contexts: contexts.count,
+        seed: run.experiment.seed,
+        pairs,
+    })
+}
+
+/// A set with its options' rollouts.
+struct Members<'a> {
+    set: &'a OptionSet,
+    rollouts: Vec<Vec<Rollout>>,
+}
+
+fn members<'a>(
+    run: &Run<'_>,
+    sets: &'a [OptionSet],
+    contexts: &ContextSet,
+) -> Result<Vec<Members<'a>>, RunError> {
+    let of = |set: &'a OptionSet| {
+        let rollouts = run.measure_set("rollouts", set, contexts)?;
+        Ok(Members { set, rollouts })
+    };
+    sets.iter().map(of).collect()
+}
+
+impl Run<'_> {
+    /// The rollouts of a stored set's options in all of `contexts`, best option first.
+    ///
+    /// # Errors
+    /// See [`RunError`].
+    pub fn measure_set(
+        &self,
+        stage: &str,
+        set: &OptionSet,
+        contexts: &ContextSet,
+    ) -> Result<Vec<Vec<Rollout>>, RunError> {
+        let records: Vec<_> = set.options.iter().cloned().map(Some).collect();
+        let key = self.crew.import(&learn::encode(&records))?;
+        let entries = set.manifest.options.iter().enumerate();
+        let groups: Vec<Vec<Performer>> =
+            entries.map(|(item, entry)| vec![Performer::option(entry.number, key, item)]).collect();
+        self.evaluate(stage, &groups, contexts, 0..contexts.keys.len())
+    }
+}
+
+fn pair(
+    run: &Run<'_>,
+    (a, b): (&Members<'_>, &Members<'_>),
+    contexts: &ContextSet,
+) -> Result<SetPair, crate::statistics::StatisticsError> {
+    let (scale, reference): (Scale, Reference) = (a.set.manifest.scale, a.set.manifest.reference);
+    let plan = &run.experiment.report;
+    let yardstick = Yardstick {
+        scale,
+        reference,
+        plan,
+        return_floor: run.return_floor(),
+        seed: run.seed.child("comparison"),
+    };
+    let sample = |members: &Members<'_>| {
+        let rows: Vec<&[Rollout]> = members.rollouts.iter().map(Vec::as_slice).collect();
+        yardstick.sample(&members.set.manifest.metric, &rows, &contexts.prices)
+    };
+    let (ours, theirs) = (sample(a), sample(b));
+    let difference = |name: &str, of: &dyn Fn(&Sample) -> Vec<f64>| {
+        let mut stream = yardstick.seed.child(name).child(&ours.name).child(&theirs.name).stream();
+        paired_difference(&of(&theirs), &of(&ours), plan.bootstrap_draws, plan.confidence, &mut stream)
+    };
+    Ok(SetPair {
+        first: yardstick.row(&ours)?,
+        second: yardstick.row(&theirs)?,
+        difference: difference("return", &Sample::context_means)?,
+        falls: difference("falls", &|sample| sample.falls.clone())?,
+    })
+}
