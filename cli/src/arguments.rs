@@ -173,6 +173,9 @@ pub struct Reproduce {
     /// Minutes of small sizes, or hours of the paper's.
     #[arg(long, value_enum, default_value = "quick")]
     pub scale: Scale,
+    /// Change a field of every config, e.g. --set teacher.steps=1000000; may be repeated. Another folder should go with it.
+    #[arg(long = "set", value_name = "FIELD=VALUE")]
+    pub overrides: Vec<String>,
     /// Whole pipelines with seeds 1, 2, …; from two on, intervals are over them.
     #[arg(long, default_value_t = 1)]
     pub seeds: u64,

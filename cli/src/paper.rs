@@ -5,7 +5,7 @@
 
 use elo_core::experiment::TeacherActs;
 use elo_core::experiments::Experiments;
-use elo_core::experiments::curve::Crossing;
+use elo_core::experiments::curve::{Crossing, Equivalent};
 use elo_core::experiments::tails::TailTable;
 use elo_core::figures::Tail;
 use elo_core::statistics::bootstrap::Interval;
@@ -78,7 +78,7 @@ impl Beside {
     pub fn remark(&self) -> &'static str {
         match (&self.ours, self.paper) {
             _ if !self.comparable => "another normalisation",
-            (Some(ours), Some(paper)) if ours.contains(paper) => "holds the paper's",
+            (Some(ours), Some(paper)) if ours.contains(paper) => "the paper's is within",
             (Some(ours), Some(paper)) if ours.low > paper => "above the paper's",
             (Some(_), Some(_)) => "below the paper's",
             (None, Some(_)) => "not defined here",
@@ -109,6 +109,11 @@ pub fn beside(runs: &[Experiments], confidence: f64) -> Vec<Beside> {
     all
 }
 
+/// How long PPO, acting by samples, trains until it earns what the set of `ψ_μ` earns.
+fn mean_set(run: &Experiments) -> Option<&Equivalent> {
+    run.equivalents.iter().find(|e| e.agent == "maximum_mean" && e.acts == TeacherActs::Sample)
+}
+
 struct Over<'a> {
     runs: &'a [Experiments],
     confidence: f64,
@@ -136,8 +141,7 @@ impl Over<'_> {
     /// Training steps of PPO, acting by samples, that earn what the set of `ψ_μ` earns.
     fn steps(&self, paper: Option<f64>) -> Beside {
         let of = |run: &Experiments| {
-            let mut found = run.equivalents.iter();
-            let found = found.find(|e| e.agent == "maximum_mean" && e.acts == TeacherActs::Sample)?;
+            let found = mean_set(run)?;
             let last = run.curve.last()?.steps as f64;
             // An end outside the curve is shown as the curve's own end, and the note says so.
             let end = |crossing| match crossing {
@@ -153,18 +157,21 @@ impl Over<'_> {
             })
         };
         let mut beside = self.figure("Figures 5.2, 5.3: PPO steps that earn as much", (paper, 0, true), of);
-        let places: Vec<&str> = self
-            .runs
+        let places: Vec<Crossing> =
+            self.runs.iter().filter_map(mean_set).map(|equivalent| equivalent.steps).collect();
+        let notes = [
+            (Crossing::BelowCurve, "no more than the untrained policy"),
+            (Crossing::AboveCurve, "more than every policy of the curve"),
+        ];
+        let notes: Vec<String> = notes
             .iter()
-            .flat_map(|run| &run.equivalents)
-            .filter(|e| e.agent == "maximum_mean" && e.acts == TeacherActs::Sample)
-            .filter_map(|e| match e.steps {
-                Crossing::BelowCurve => Some("no more than the untrained policy"),
-                Crossing::AboveCurve => Some("more than any policy of the curve"),
-                Crossing::At(_) => None,
+            .filter_map(|(place, words)| {
+                let count = places.iter().filter(|found| *found == place).count();
+                (count > 0)
+                    .then(|| format!("the infant agent earns {words} in {count} of {} runs", places.len()))
             })
             .collect();
-        beside.note = (!places.is_empty()).then(|| format!("the infant agent earns {}", places.join(", ")));
+        beside.note = (!notes.is_empty()).then(|| notes.join("; "));
         beside
     }
 

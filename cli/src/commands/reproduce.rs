@@ -105,6 +105,7 @@ fn one(
     if arguments.scale == Scale::Quick {
         overrides.extend(QUICK.map(str::to_owned));
     }
+    overrides.extend(arguments.overrides.iter().cloned());
     let name = PathBuf::from(format!("the preset of {robot}"));
     let experiment = load::embedded(preset, &name, &overrides, plugins)?;
     ready_to_run(&experiment)?;

@@ -198,7 +198,7 @@ impl<'a> Sets<'a> {
         let relative = |drawn: &[usize]| {
             let total = |shares: &[f64]| drawn.iter().map(|j| shares[*j]).sum::<f64>();
             let (before, after) = (total(&before), total(&after));
-            (before > 0.0).then(|| sign * (after - before) / before)
+            (before > 0.0).then(|| sign * (after - before) / before + 0.0)
         };
         let all: Vec<usize> = (0..before.len()).collect();
         let estimate = relative(&all)?;
