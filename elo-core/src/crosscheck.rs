@@ -179,14 +179,8 @@ fn traces(
     let mut inputs = vec![contexts.keys[0]];
     let subjects =
         positions.iter().map(|id| Performer::candidate(&discovery.candidates[*id]).subject(&mut inputs));
-    let subjects = subjects.collect();
-    let work = Trace {
-        simulator: duplicate(&run.experiment.simulator),
-        subjects,
-        horizon: run.experiment.discover.horizon(),
-        seed: run.seed.child("trace"),
-    };
-    let keys = run.crew.complete("trajectories", &[Unit { work: work.into(), inputs }])?;
+    let play = run.play(subjects.collect(), run.seed.child("trace"));
+    let keys = run.crew.complete("trajectories", &[Unit { work: Trace(play).into(), inputs }])?;
     Ok(trace::decode(&run.crew.result(&keys[0])?)?)
 }
 

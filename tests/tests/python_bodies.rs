@@ -13,6 +13,7 @@ use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::play::Play;
 use elo_core::units::trace::{self, Trace};
 use elo_core::units::{Work, prepare};
 use elo_core::worker::WorkerProcess;
@@ -33,24 +34,18 @@ fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> (Vec<tra
     let context = |(seed, task)| Context { task, start: PreparedStart::standard(seed) };
     let contexts = [(1, Task::default()), (2, slippery), (3, Task::default())].map(context);
     let inputs = [prepare::encode(&contexts)];
-    let subjects = || vec![Subject { name: "random".to_owned(), behavior: Behavior::RandomTorque }];
-    let horizon = Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true };
-    let simulator = || serde_json::from_value(simulator.clone()).unwrap();
-    let seed = Seed::root(5);
-    let (simulator_too, horizon_too, seed_too) = (simulator(), horizon.clone(), seed.clone());
-    let trace = Trace { simulator: simulator(), subjects: subjects(), horizon, seed };
-    let evaluate = Evaluate {
-        simulator: simulator_too,
-        subjects: subjects(),
-        contexts: 1,
-        horizon: horizon_too,
-        seed: seed_too,
+    let play = || Play {
+        simulator: serde_json::from_value(simulator.clone()).unwrap(),
+        subjects: vec![Subject { name: "random".to_owned(), behavior: Behavior::RandomTorque }],
+        horizon: Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true },
+        seed: Seed::root(5),
     };
     let mut done = |work: Work| {
         let job = serde_json::to_vec(&work).unwrap();
         worker.run(&job, &inputs, &mut Unwatched).unwrap()
     };
-    let seen = trace::decode(&done(trace.into())).unwrap();
+    let seen = trace::decode(&done(Trace(play()).into())).unwrap();
+    let evaluate = Evaluate { contexts: 1, play: play() };
     (seen, RolloutTable::decode(&done(evaluate.into())).unwrap())
 }
 

@@ -23,6 +23,7 @@ use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
 use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::play::Play;
 use elo_core::units::prepare;
 use elo_core::units::train::{TeacherResult, Train};
 use measurements::Failure;
@@ -97,13 +98,13 @@ fn episodes(experiment: &Experiment, root: &Seed) -> Evaluate {
         snapshot: None,
         acts: TeacherActs::Mean,
     };
-    Evaluate {
+    let play = Play {
         simulator: duplicate(&experiment.simulator),
         subjects: vec![Subject { name: "teacher".to_owned(), behavior }],
-        contexts: 1,
         horizon: Horizon { steps: 1000, discount: 1.0, stop_at_fall: true },
         seed: root.child("episodes"),
-    }
+    };
+    Evaluate { contexts: 1, play }
 }
 
 /// Mean and deviation of returns, mean length, share of falls.
