@@ -11,6 +11,7 @@ use crate::key::{Key, Stage};
 use crate::policy::{Monitor, PolicyFormat, Stopped};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::seed::Seed;
+use crate::statistics::StatisticsError;
 use crate::units::codec::Malformed;
 use crate::units::{Site, Work, WorkError};
 use crate::worker::{WorkerFault, WorkerProcess};
@@ -84,6 +85,12 @@ pub enum RunError {
     /// Candidates cannot be ranked.
     #[error("{0}")]
     Select(String),
+}
+
+impl From<StatisticsError> for RunError {
+    fn from(error: StatisticsError) -> Self {
+        Self::Config(format!("the report's statistics are not defined: {error}"))
+    }
 }
 
 impl From<Malformed> for RunError {

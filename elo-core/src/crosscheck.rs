@@ -7,7 +7,6 @@ use crate::crew::{RunError, Unit};
 use crate::discover::{CANDIDATES_PER_UNIT, ContextSet, Discovery, Run, duplicate, value};
 use crate::experiment::Experiment;
 use crate::performer::Performer;
-use crate::report::statistics;
 use crate::rollout::Rollout;
 use crate::simulator::{Engine, SimulatorConfig};
 use crate::statistics::agreement::{kendall_tau_b, sign_test, spearman};
@@ -185,7 +184,7 @@ fn traces(
 }
 
 fn scores(returns: &[Vec<f64>]) -> Result<Vec<f64>, RunError> {
-    returns.iter().map(|row| mean(row).map_err(statistics)).collect()
+    returns.iter().map(|row| Ok(mean(row)?)).collect()
 }
 
 fn compared(
@@ -257,7 +256,7 @@ fn pair(
     });
     let parted: Vec<f64> =
         a.seen.iter().zip(&b.seen).map(|(a, b)| parted_after(a, b, run.spec.observation_size)).collect();
-    let quartile = |share: f64| quantile(&parted, share).map_err(statistics);
+    let quartile = |share: f64| quantile(&parted, share);
     Ok(Pair {
         first,
         second,
