@@ -33,13 +33,9 @@ impl Trace {
     ) -> Result<Vec<u8>, WorkError> {
         let contexts = prepare::decode(input(inputs, 0)?)?;
         let played: Vec<(Rollout, Eyes)> = self.0.run(&contexts, inputs, site, monitor)?;
-        Ok(encode(&played.into_iter().map(|(_, eyes)| eyes.0).collect::<Vec<_>>()))
+        let seen: Vec<Seen> = played.into_iter().map(|(_, eyes)| eyes.0).collect();
+        Ok(codec::encode_rows(&seen, codec::f32_bytes))
     }
-}
-
-fn encode(seen: &[Seen]) -> Vec<u8> {
-    let sections: Vec<Vec<u8>> = seen.iter().map(|one| codec::f32_bytes(one)).collect();
-    codec::encode(&seen.len(), &sections.iter().map(Vec::as_slice).collect::<Vec<_>>())
 }
 
 /// Reads a unit's result: the observations of each rollout, subject by subject.
@@ -47,11 +43,7 @@ fn encode(seen: &[Seen]) -> Vec<u8> {
 /// # Errors
 /// [`Malformed`].
 pub fn decode(bytes: &[u8]) -> Result<Vec<Seen>, Malformed> {
-    let (count, sections): (usize, _) = codec::decode(bytes)?;
-    if count != sections.len() {
-        return Err(Malformed(format!("{} traces of {count}", sections.len())));
-    }
-    sections.iter().map(|section| codec::f32_numbers(section, section.len() / 4)).collect()
+    codec::decode_rows(bytes, codec::f32_numbers)
 }
 
 impl From<Trace> for Work {
