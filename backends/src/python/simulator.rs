@@ -134,15 +134,11 @@ impl Simulator for PythonSimulator {
         check_length("observation", observation.len(), self.spec.observation_size)?;
         check_length("reward terms", reward_terms.len(), self.spec.reward_terms.len())?;
         check_action(action)?;
-        let (low, high) = (&self.spec.action_low, &self.spec.action_high);
         let end = Python::attach(|py| -> PyResult<u8> {
             let _call = Call::begin();
             let mut given = self.action.bind(py).try_readwrite()?;
-            for ((to, a), (low, high)) in
-                given.as_slice_mut()?.iter_mut().zip(action).zip(low.iter().zip(high))
-            {
-                *to = a.clamp(*low, *high);
-            }
+            given.as_slice_mut()?.copy_from_slice(action);
+            self.spec.clip(given.as_slice_mut()?);
             drop(given);
             let end = self.step.bind(py).call0()?.extract()?;
             observation.copy_from_slice(self.observation.bind(py).try_readonly()?.as_slice()?);

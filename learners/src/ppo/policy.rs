@@ -16,13 +16,12 @@ use crate::normalized_mlp::NormalizedMlp;
 pub struct GaussianMlpTeacher {
     mean: NormalizedMlp,
     log_std: Vec<f32>,
-    low: Vec<f32>,
-    high: Vec<f32>,
+    spec: SimulatorSpec,
 }
 
 impl GaussianMlpTeacher {
     pub(super) fn new(mean: NormalizedMlp, log_std: Vec<f32>, spec: &SimulatorSpec) -> Self {
-        Self { mean, log_std, low: spec.action_low.clone(), high: spec.action_high.clone() }
+        Self { mean, log_std, spec: spec.clone() }
     }
 
     pub(super) fn to_tensors(&self) -> Tensors {
@@ -70,9 +69,7 @@ impl TeacherPolicy for GaussianMlpTeacher {
         if let Some(noise) = noise {
             self.explore(noise, action);
         }
-        for (a, (low, high)) in action.iter_mut().zip(self.low.iter().zip(&self.high)) {
-            *a = a.clamp(*low, *high);
-        }
+        self.spec.clip(action);
     }
 }
 
