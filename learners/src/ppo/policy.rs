@@ -111,6 +111,38 @@ mod tests {
     }
 
     #[test]
+    fn a_saturating_teacher_acts_within_the_action_bounds() {
+        let mut teacher = sample(2);
+        (teacher.spec.action_low, teacher.spec.action_high) = (vec![-0.25, 0.0], vec![0.5, 2.0]);
+        // Samples lie some twenty times the bounds away from their means.
+        teacher.log_std = vec![3.0; 2];
+        let (mut noise, mut action) = (Seed::root(5).stream(), [0.0; 2]);
+        let mut reached = [[false; 2]; 2];
+        for _ in 0..50 {
+            teacher.act(&[0.3, -0.2], Some(&mut noise), &mut action);
+            for (component, a) in action.iter().enumerate() {
+                let bounds = [teacher.spec.action_low[component], teacher.spec.action_high[component]];
+                assert!((bounds[0]..=bounds[1]).contains(a), "{action:?}");
+                for (reached, bound) in reached[component].iter_mut().zip(bounds) {
+                    *reached |= *a == bound;
+                }
+            }
+        }
+        assert_eq!(reached, [[true; 2]; 2]);
+        // Without noise too, where the mean itself lies outside.
+        let network = Mlp::orthogonal(&[2, 4, 1], 100.0, &mut Seed::root(1).stream()).unwrap();
+        let spec = PointMassConfig::default().description();
+        let mean = NormalizedMlp::new(Normalizer::identity(2), network);
+        let strong = GaussianMlpTeacher::new(mean, vec![0.0], &spec);
+        let acts = [[5.0, 5.0], [-5.0, -5.0]].map(|observation: [f32; 2]| {
+            let mut action = [0.0];
+            strong.act(&observation, None, &mut action);
+            action[0]
+        });
+        assert_eq!(acts.map(f32::abs), [1.0; 2]);
+    }
+
+    #[test]
     fn a_stored_teacher_is_read_for_its_own_shape_only() {
         let spec = PointMassConfig::default().description();
         let teacher = sample(1);
