@@ -42,6 +42,13 @@ pub enum WorkerProgram {
     Interpreter(&'static str),
 }
 
+impl WorkerProgram {
+    /// Whether it is an interpreter, in which every plugin can run, code of users among them.
+    pub fn is_interpreter(&self) -> bool {
+        matches!(self, Self::Interpreter(_))
+    }
+}
+
 impl fmt::Display for WorkerProgram {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -99,9 +99,7 @@ impl Work {
     /// others too, or else the simulator's worker.
     pub fn worker(&self) -> Option<WorkerProgram> {
         let programs = || self.hosted().into_iter().map(Hosted::worker);
-        programs()
-            .find(|program| matches!(program, WorkerProgram::Interpreter(_)))
-            .or_else(|| programs().next())
+        programs().find(WorkerProgram::is_interpreter).or_else(|| programs().next())
     }
 
     /// The unit's key, see [`Key`].

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 use super::evaluate::Subject;
 use super::{Site, WorkError};
 use crate::context::Context;
-use crate::hosted::WorkerProgram;
 use crate::policy::Monitor;
 use crate::rollout::{Ending, Horizon, Rollout, Setting, Witness, watched};
 use crate::seed::Seed;
@@ -68,8 +67,8 @@ impl Play {
 
     /// Whether it failed for a reason that may be gone the next time. Engines of our own repeat their failures.
     fn may_pass(&self, rollout: &Rollout) -> bool {
-        let worker = self.simulator.hosted().map(|hosted| hosted.worker());
-        matches!(rollout.ending, Ending::Failed(_)) && matches!(worker, Some(WorkerProgram::Interpreter(_)))
+        let foreign = self.simulator.hosted().is_some_and(|hosted| hosted.worker().is_interpreter());
+        foreign && matches!(rollout.ending, Ending::Failed(_))
     }
 }
 
