@@ -6,8 +6,11 @@
 use std::process::Command;
 
 use elo_backends::locomotion::robot::{AliveRule, NAMES, RobotDescription, built_in};
+use elo_cli::hosts::Programs;
 use elo_core::context::{Context, PreparedStart};
+use elo_core::crew::Hosts as _;
 use elo_core::fingerprint::fingerprint;
+use elo_core::hosted::WorkerProgram;
 use elo_core::policy::Unwatched;
 use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
@@ -22,11 +25,6 @@ use elo_tests::{programs, skipped};
 use serde_json::json;
 
 const STEPS: usize = 1000;
-
-fn worker(mut command: Command) -> WorkerProcess {
-    command.current_dir(programs::repository());
-    WorkerProcess::spawn(command, &fingerprint(), Workers::default().limits()).unwrap()
-}
 
 /// Random torque for [`STEPS`] steps in every context: what is seen, and what the reward terms come to.
 fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> (Vec<trace::Seen>, RolloutTable) {
@@ -58,10 +56,9 @@ fn mujoco_from_rust_and_from_python_is_bit_identical() {
     if !python.is_file() {
         return skipped(test, &format!("python: {} is missing; run tests/set-up", python.display()));
     }
-    let mut here = worker(Command::new(ours));
-    let mut command = Command::new(python);
-    command.args(["-m", "elo.worker"]);
-    let mut there = worker(command);
+    let workers = Workers { python: python.to_string_lossy().into_owned(), ..Workers::default() };
+    let mut here = WorkerProcess::spawn(Command::new(ours), &fingerprint(), workers.limits()).unwrap();
+    let mut there = Programs { workers }.start(&WorkerProgram::Interpreter("python")).unwrap();
     for name in NAMES {
         // A robot that cannot fall goes on for all steps.
         let own = RobotDescription { alive: AliveRule::default(), ..built_in(name).unwrap() };
