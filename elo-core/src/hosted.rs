@@ -9,10 +9,11 @@ pub trait Hosted {
     /// The program that runs its code.
     fn worker(&self) -> WorkerProgram;
 
-    /// Whether only the worker knows what the plugin is. Then the worker is asked when a config is read, before it is
-    /// validated, and [`Self::accept_description`] gets what [`Self::describe`] gave there.
+    /// Whether only the worker knows what the plugin is, as interpreters alone know users' code. Then the worker is asked
+    /// when a config is read, before it is validated, and [`Self::accept_description`] gets what [`Self::describe`] gave
+    /// there.
     fn needs_description(&self) -> bool {
-        false
+        self.worker().is_interpreter()
     }
 
     /// What the worker says of the plugin. Called in the worker.

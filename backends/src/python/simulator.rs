@@ -27,16 +27,6 @@ pub struct PythonSimulator {
     running: bool,
 }
 
-/// What the environment of `config` says of itself, as JSON.
-pub fn describe(config: &PythonConfig) -> Result<Vec<u8>, BuildError> {
-    Python::attach(|py| {
-        let described = bridge(py, "environment", config)?.call_method0("describe")?;
-        described.extract::<String>()
-    })
-    .map(String::into_bytes)
-    .map_err(refused)
-}
-
 impl PythonSimulator {
     /// Makes the environment and asks it what it is.
     ///
