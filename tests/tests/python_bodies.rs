@@ -8,7 +8,6 @@ use std::process::Command;
 use elo_backends::locomotion::robot::{AliveRule, NAMES, RobotDescription, built_in};
 use elo_cli::hosts::Programs;
 use elo_core::context::{Context, PreparedStart};
-use elo_core::crew::Hosts as _;
 use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::WorkerProgram;
 use elo_core::policy::Unwatched;
@@ -21,6 +20,7 @@ use elo_core::units::trace::{self, Trace};
 use elo_core::units::{Work, prepare};
 use elo_core::worker::WorkerProcess;
 use elo_core::workers::Workers;
+use elo_core::workforce::Hosts as _;
 use elo_tests::{programs, skipped};
 use serde_json::json;
 

@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use elo_core::context::{Context, PreparedStart};
-use elo_core::crew::Hosts as _;
 use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
 use elo_core::hosted::Hosted;
@@ -15,6 +14,7 @@ use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
 use elo_core::units::play::Play;
 use elo_core::units::{Site, Work, prepare};
+use elo_core::workforce::Hosts as _;
 
 use crate::exit::Exit;
 use crate::hosts::Programs;

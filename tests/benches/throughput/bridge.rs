@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
 use elo_cli::hosts::Programs;
-use elo_core::crew::Hosts as _;
 use elo_core::discover::CONTEXTS_PER_UNIT;
 use elo_core::hosted::WorkerProgram;
 use elo_core::policy;
@@ -15,6 +14,7 @@ use elo_core::simulator::SimulatorConfig;
 use elo_core::units::Work;
 use elo_core::units::describe::Describe;
 use elo_core::workers::Workers;
+use elo_core::workforce::Hosts as _;
 use serde_json::json;
 
 use crate::median;

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use elo_core::context::{Context, PreparedStart};
-use elo_core::crew::{Crew, Hosts, Staff, Unit, Unwatched};
+use elo_core::crew::{Crew, Staff, Unit, Unwatched};
 use elo_core::discover::duplicate;
 use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::{Hosted, WorkerProgram};
@@ -22,6 +22,7 @@ use elo_core::units::evaluate::{Behavior, Evaluate, Place, RolloutTable, Subject
 use elo_core::units::play::Play;
 use elo_core::units::{learn, prepare};
 use elo_core::worker::{Limits, WorkerFault, WorkerProcess};
+use elo_core::workforce::Hosts;
 use elo_learners::open_loop::FORMAT;
 
 use crate::median;
