@@ -3,12 +3,12 @@
 use std::io;
 use std::process::Command;
 
-use elo_core::crew::Hosts;
 use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::WorkerProgram;
 use elo_core::worker::{WorkerFault, WorkerProcess};
 use elo_core::workers::Workers;
+use elo_core::workforce::Hosts;
 
 /// Starts worker programs: our own beside this program, interpreters as the config says.
 #[derive(Clone, Debug, Default)]

@@ -4,14 +4,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use elo_core::config::{self, ConfigError};
-use elo_core::crew::Hosts as _;
 use elo_core::experiment::Experiment;
 use elo_core::fault::Faults;
-use elo_core::hosted::WorkerProgram;
 use elo_core::plugin::Plugin;
 use elo_core::policy::Unwatched;
 use elo_core::units::Work;
-use elo_core::worker::WorkerProcess;
+use elo_core::workforce::{Job, Undone, Workforce};
 
 use crate::exit::Exit;
 use crate::hosts::{Programs, remedy};
@@ -85,62 +83,25 @@ fn checked(
 
 /// Has workers say what those plugins are that only their worker knows.
 fn describe(experiment: &mut Experiment, faults: &mut Faults) {
-    let mut office = Office { programs: Programs::of(experiment), workers: Vec::new() };
+    let programs = Programs::of(experiment);
+    let workforce = Workforce::new(&programs);
     let mut said = BTreeMap::new();
     for (path, plugin) in experiment.describable() {
         let Some(hosted) = plugin.hosted().filter(|hosted| hosted.needs_description()) else { continue };
-        match office.ask(hosted.worker(), &Work::from(plugin)) {
-            Ok(Ok(description)) => drop(said.insert(path, description)),
-            Ok(Err(why)) => faults.add(&path, why),
-            Err(why) => return faults.add("workers.python", why),
+        let program = hosted.worker();
+        let work = serde_json::to_vec(&Work::from(plugin)).expect("descriptions are plain data");
+        match workforce.run(Job { program, work: &work, inputs: &[] }, &mut Unwatched, &mut |_| ()) {
+            Ok(description) => drop(said.insert(path, description)),
+            Err(Undone::Start(fault)) => {
+                return faults.add("workers.python", format!("{fault}{}", remedy(&program)));
+            }
+            Err(why) => faults.add(&path, why.to_string()),
         }
     }
     for (path, hosted) in experiment.hosted_mut() {
         if let Some(Err(why)) = said.get(&path).map(|bytes| hosted.accept_description(bytes)) {
             faults.add(&path, why);
         }
-    }
-}
-
-/// Workers that are asked one thing each.
-struct Office {
-    programs: Programs,
-    workers: Vec<(WorkerProgram, WorkerProcess)>,
-}
-
-impl Office {
-    /// How often a worker that dies over an answer is replaced, and the first one.
-    const TRIES: usize = 3;
-
-    /// What `program` says: an answer, or why there is none; or why it does not start.
-    fn ask(&mut self, program: WorkerProgram, work: &Work) -> Result<Result<Vec<u8>, String>, String> {
-        let job = serde_json::to_vec(work).expect("descriptions are plain data");
-        let mut lost = String::new();
-        for _ in 0..Self::TRIES {
-            let mut worker = match self.workers.iter().position(|(started, _)| *started == program) {
-                Some(place) => self.workers.swap_remove(place).1,
-                None => match self.programs.start(&program) {
-                    Ok(worker) => worker,
-                    Err(fault) if fault.was_killed() => {
-                        lost = fault.to_string();
-                        continue;
-                    }
-                    Err(fault) => return Err(format!("{fault}{}", remedy(&program))),
-                },
-            };
-            match worker.run(&job, &[], &mut Unwatched) {
-                Ok(bytes) => {
-                    self.workers.push((program, worker));
-                    return Ok(Ok(bytes));
-                }
-                Err(fault) if fault.leaves_worker_usable() => {
-                    self.workers.push((program, worker));
-                    return Ok(Err(fault.to_string()));
-                }
-                Err(fault) => lost = fault.to_string(),
-            }
-        }
-        Ok(Err(lost))
     }
 }
 

@@ -11,9 +11,11 @@ use crate::key::{Key, Stage};
 use crate::policy::{Monitor, PolicyFormat, Stopped};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::seed::Seed;
+use crate::statistics::StatisticsError;
 use crate::units::codec::Malformed;
 use crate::units::{Site, Work, WorkError};
-use crate::worker::{WorkerFault, WorkerProcess};
+use crate::worker::WorkerFault;
+use crate::workforce::{Hosts, Job, TRIES, Undone, Workforce};
 
 /// One unit: what is to be done, and the units whose results it needs.
 #[derive(Debug)]
@@ -22,15 +24,6 @@ pub struct Unit {
     pub work: Work,
     /// Keys of its inputs, which must have been completed before.
     pub inputs: Vec<Key>,
-}
-
-/// Starts worker programs.
-pub trait Hosts: Sync {
-    /// Starts `program` and shakes hands.
-    ///
-    /// # Errors
-    /// Why it does not run, in words that say what to do.
-    fn start(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault>;
 }
 
 /// Hears how far the work is. Called from several threads.
@@ -86,6 +79,12 @@ pub enum RunError {
     Select(String),
 }
 
+impl From<StatisticsError> for RunError {
+    fn from(error: StatisticsError) -> Self {
+        Self::Config(format!("the report's statistics are not defined: {error}"))
+    }
+}
+
 impl From<Malformed> for RunError {
     fn from(error: Malformed) -> Self {
         Self::Config(error.to_string())
@@ -108,20 +107,15 @@ pub struct Staff {
 pub struct Crew<'a> {
     /// Where results go.
     pub run_dir: &'a RunDir,
-    /// Starts worker programs.
-    pub hosts: &'a dyn Hosts,
     /// Hears how far it is.
     pub watcher: &'a dyn Watcher,
     /// Becomes true when everybody is to stop.
     pub stop: &'a AtomicBool,
     /// How many work, and with what.
     pub staff: Staff,
-    /// Running worker programs that nobody uses just now.
-    idle: Mutex<Vec<(WorkerProgram, WorkerProcess)>>,
+    /// Does what must not be done in this process.
+    workforce: Workforce<'a>,
 }
-
-/// A unit that a worker could not be kept alive for is tried this often in all.
-const TRIES: usize = 3;
 
 impl<'a> Crew<'a> {
     /// A crew over `run_dir` that stops when `stop` becomes true.
@@ -132,7 +126,7 @@ impl<'a> Crew<'a> {
         watcher: &'a dyn Watcher,
         stop: &'a AtomicBool,
     ) -> Self {
-        Self { run_dir, hosts, watcher, stop, staff, idle: Mutex::default() }
+        Self { run_dir, watcher, stop, staff, workforce: Workforce::new(hosts) }
     }
 
     /// The key of a unit.
@@ -205,21 +199,6 @@ impl<'a> Crew<'a> {
             self.watcher.notice(&damaged.to_string());
         }
     }
-
-    fn take_worker(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {
-        let mut idle = self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        match idle.iter().position(|(name, _)| name == program) {
-            Some(index) => Ok(idle.swap_remove(index).1),
-            None => {
-                drop(idle);
-                self.hosts.start(program)
-            }
-        }
-    }
-
-    fn return_worker(&self, program: &WorkerProgram, worker: WorkerProcess) {
-        self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((*program, worker));
-    }
 }
 
 /// One call of [`Crew::complete`].
@@ -277,38 +256,24 @@ impl Shift<'_> {
         inputs: &[Vec<u8>],
         monitor: &mut UnitMonitor<'_>,
     ) -> Result<Vec<u8>, WorkError> {
-        let job = serde_json::to_vec(&unit.work).expect("descriptions are plain data");
-        let mut deaths = Vec::new();
-        while deaths.len() < TRIES {
-            let mut worker = match self.crew.take_worker(program) {
-                Ok(worker) => worker,
-                Err(fault) if fault.was_killed() => {
-                    deaths.push(fault.to_string());
-                    continue;
-                }
-                Err(fault) => {
-                    monitor.trouble = Some(RunError::Worker(fault));
-                    return Err(WorkError::Stopped(Stopped));
-                }
-            };
-            match worker.run(&job, inputs, monitor) {
-                Ok(bytes) => {
-                    self.crew.return_worker(program, worker);
-                    return Ok(bytes);
-                }
-                Err(WorkerFault::Stopped(stopped)) => return Err(stopped.into()),
-                Err(fault) if fault.leaves_worker_usable() => {
-                    self.crew.return_worker(program, worker);
-                    return Err(WorkError::Failed(fault.to_string()));
-                }
-                Err(fault) => {
-                    self.crew.watcher.notice(&format!("{program}, unit {}: {fault}", monitor.key));
-                    deaths.push(fault.to_string());
-                }
+        let work = serde_json::to_vec(&unit.work).expect("descriptions are plain data");
+        let (job, key) = (Job { program: *program, work: &work, inputs }, monitor.key);
+        let mut lost = |fault: &WorkerFault| {
+            self.crew.watcher.notice(&format!("{program}, unit {key}: {fault}"));
+        };
+        match self.crew.workforce.run(job, monitor, &mut lost) {
+            Ok(bytes) => Ok(bytes),
+            Err(Undone::Stopped(stopped)) => Err(stopped.into()),
+            Err(Undone::Failed(fault)) => Err(WorkError::Failed(fault.to_string())),
+            Err(Undone::Lost(fault)) => {
+                let reason = format!("{program} was lost {TRIES} times: {fault}");
+                unit.work.outcome_of_lost_worker(inputs, &reason)
+            }
+            Err(Undone::Start(fault)) => {
+                monitor.trouble = Some(RunError::Worker(fault));
+                Err(Stopped.into())
             }
         }
-        let last = deaths.pop().unwrap_or_default();
-        unit.work.outcome_of_lost_worker(inputs, &format!("{program} was lost {TRIES} times: {last}"))
     }
 
     fn failed(&self, key: &Key, reason: String) -> RunError {

@@ -7,7 +7,6 @@ use crate::crew::{RunError, Unit};
 use crate::discover::{CANDIDATES_PER_UNIT, ContextSet, Discovery, Run, duplicate, value};
 use crate::experiment::Experiment;
 use crate::performer::Performer;
-use crate::report::statistics;
 use crate::rollout::Rollout;
 use crate::simulator::{Engine, SimulatorConfig};
 use crate::statistics::agreement::{kendall_tau_b, sign_test, spearman};
@@ -179,19 +178,13 @@ fn traces(
     let mut inputs = vec![contexts.keys[0]];
     let subjects =
         positions.iter().map(|id| Performer::candidate(&discovery.candidates[*id]).subject(&mut inputs));
-    let subjects = subjects.collect();
-    let work = Trace {
-        simulator: duplicate(&run.experiment.simulator),
-        subjects,
-        horizon: run.experiment.discover.horizon(),
-        seed: run.seed.child("trace"),
-    };
-    let keys = run.crew.complete("trajectories", &[Unit { work: work.into(), inputs }])?;
+    let play = run.play(subjects.collect(), run.seed.child("trace"));
+    let keys = run.crew.complete("trajectories", &[Unit { work: Trace(play).into(), inputs }])?;
     Ok(trace::decode(&run.crew.result(&keys[0])?)?)
 }
 
 fn scores(returns: &[Vec<f64>]) -> Result<Vec<f64>, RunError> {
-    returns.iter().map(|row| mean(row).map_err(statistics)).collect()
+    returns.iter().map(|row| Ok(mean(row)?)).collect()
 }
 
 fn compared(
@@ -263,7 +256,7 @@ fn pair(
     });
     let parted: Vec<f64> =
         a.seen.iter().zip(&b.seen).map(|(a, b)| parted_after(a, b, run.spec.observation_size)).collect();
-    let quartile = |share: f64| quantile(&parted, share).map_err(statistics);
+    let quartile = |share: f64| quantile(&parted, share);
     Ok(Pair {
         first,
         second,

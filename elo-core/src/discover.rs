@@ -17,8 +17,9 @@ use crate::select::Selection;
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
 use crate::units::Span;
-use crate::units::evaluate::{Evaluate, RolloutTable};
+use crate::units::evaluate::{Evaluate, RolloutTable, Subject};
 use crate::units::learn::{self, Learn};
+use crate::units::play::Play;
 use crate::units::prepare::{self, Prepare, TaskSource};
 use crate::units::record::{self, Record, Recording};
 use crate::units::train::{TeacherResult, Train};
@@ -343,14 +344,8 @@ impl<'a> Run<'a> {
         let unit = |group: &[Performer], block: usize| {
             let mut inputs = vec![contexts.keys[block]];
             let subjects = group.iter().map(|performer| performer.subject(&mut inputs)).collect();
-            let work = Evaluate {
-                simulator: duplicate(&self.experiment.simulator),
-                subjects,
-                contexts: 1,
-                horizon: self.experiment.discover.horizon(),
-                seed: seed.child("block").index(block as u64),
-            };
-            Unit { work: work.into(), inputs }
+            let play = self.play(subjects, seed.child("block").index(block as u64));
+            Unit { work: Evaluate { contexts: 1, play }.into(), inputs }
         };
         let units: Vec<Unit> =
             groups.iter().flat_map(|g| blocks.clone().map(|block| unit(g, block))).collect();
@@ -365,6 +360,12 @@ impl<'a> Run<'a> {
             rollouts.extend((0..group.len()).map(whole));
         }
         Ok(rollouts)
+    }
+
+    /// Subjects on the run's own simulator, for as long as its options last.
+    pub fn play(&self, subjects: Vec<Subject>, seed: Seed) -> Play {
+        let simulator = duplicate(&self.experiment.simulator);
+        Play { simulator, subjects, horizon: self.experiment.discover.horizon(), seed }
     }
 
     /// The option of a candidate.

@@ -8,7 +8,6 @@ use crate::discover::Run;
 use crate::figures::{Comparison, Row, Yardstick};
 use crate::option_set::OptionSet;
 use crate::performer::{Performer, PerformerRole};
-use crate::report::statistics;
 use crate::rollout::Rollout;
 use crate::simulator::Engine;
 use crate::units::evaluate::Behavior;
@@ -71,22 +70,19 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
     let sample = |name: &str, members: &[&[Rollout]]| yardstick.sample(name, members, &contexts.prices);
     let whole = sample(&manifest.metric, members);
     let baselines = [sample("random torque", &others[..1]), sample("zero torque", &others[1..])];
-    let figures = || {
-        let option = |(item, row): (usize, &&[Rollout])| {
-            yardstick.row(&sample(&format!("option {}", manifest.options[item].number), &[row]))
-        };
-        Ok(Evaluation {
-            metric: manifest.metric.clone(),
-            robot: run.spec.robot.clone(),
-            engine: run.experiment.simulator.engine(),
-            seed: run.experiment.seed,
-            made_with_seed: manifest.experiment["seed"].as_u64().unwrap_or_default(),
-            contexts: contexts.count,
-            set: yardstick.row(&whole)?,
-            options: members.iter().enumerate().map(option).collect::<Result<_, _>>()?,
-            baselines: baselines.iter().map(|b| yardstick.row(b)).collect::<Result<_, _>>()?,
-            against: baselines.iter().map(|b| yardstick.compare(&whole, b)).collect::<Result<_, _>>()?,
-        })
+    let option = |(item, row): (usize, &&[Rollout])| {
+        yardstick.row(&sample(&format!("option {}", manifest.options[item].number), &[row]))
     };
-    figures().map_err(statistics)
+    Ok(Evaluation {
+        metric: manifest.metric.clone(),
+        robot: run.spec.robot.clone(),
+        engine: run.experiment.simulator.engine(),
+        seed: run.experiment.seed,
+        made_with_seed: manifest.experiment["seed"].as_u64().unwrap_or_default(),
+        contexts: contexts.count,
+        set: yardstick.row(&whole)?,
+        options: members.iter().enumerate().map(option).collect::<Result<_, _>>()?,
+        baselines: baselines.iter().map(|b| yardstick.row(b)).collect::<Result<_, _>>()?,
+        against: baselines.iter().map(|b| yardstick.compare(&whole, b)).collect::<Result<_, _>>()?,
+    })
 }

@@ -7,7 +7,6 @@ use crate::discover::value;
 use crate::experiment::ReportPlan;
 use crate::judge::Judge;
 use crate::metric::{Metric, Reference};
-use crate::report::statistics;
 use crate::returns::Scale;
 use crate::rollout::{Ending, Rollout};
 use crate::seed::{Seed, Stream};
@@ -197,7 +196,7 @@ impl Yardstick<'_> {
         let scores = judge.scores(score, &normal)?;
         let of_set = |scores: &Vec<f64>| scores.iter().sum::<f64>() / scores.len() as f64;
         let of_sets: Vec<f64> = scores.iter().map(of_set).collect();
-        interval_of(&of_sets, sample.returns.len(), self.plan.confidence).map_err(statistics)
+        Ok(interval_of(&of_sets, sample.returns.len(), self.plan.confidence)?)
     }
 
     /// The paired difference of two samples' mean returns.

@@ -9,10 +9,11 @@ pub trait Hosted {
     /// The program that runs its code.
     fn worker(&self) -> WorkerProgram;
 
-    /// Whether only the worker knows what the plugin is. Then the worker is asked when a config is read, before it is
-    /// validated, and [`Self::accept_description`] gets what [`Self::describe`] gave there.
+    /// Whether only the worker knows what the plugin is, as interpreters alone know users' code. Then the worker is asked
+    /// when a config is read, before it is validated, and [`Self::accept_description`] gets what [`Self::describe`] gave
+    /// there.
     fn needs_description(&self) -> bool {
-        false
+        self.worker().is_interpreter()
     }
 
     /// What the worker says of the plugin. Called in the worker.
@@ -40,6 +41,13 @@ pub enum WorkerProgram {
     /// The interpreter of this language that the config's `[workers]` names. It can run every plugin, so a unit in which
     /// one plugin asks for it runs there with all others.
     Interpreter(&'static str),
+}
+
+impl WorkerProgram {
+    /// Whether it is an interpreter, in which every plugin can run, code of users among them.
+    pub fn is_interpreter(&self) -> bool {
+        matches!(self, Self::Interpreter(_))
+    }
 }
 
 impl fmt::Display for WorkerProgram {

@@ -43,3 +43,4 @@ pub mod tensors;
 pub mod units;
 pub mod worker;
 pub mod workers;
+pub mod workforce;

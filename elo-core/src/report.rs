@@ -17,7 +17,6 @@ use crate::returns::Scale;
 use crate::rollout::Rollout;
 use crate::select::Selection;
 use crate::simulator::Engine;
-use crate::statistics::StatisticsError;
 use crate::statistics::bootstrap::Interval;
 use crate::statistics::summary::mean;
 use crate::task::Task;
@@ -159,11 +158,7 @@ pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError>
     let sets = (0..discovery.selection.choices.len())
         .map(|index| view.set(index, &options, &baselines))
         .collect::<Result<Vec<_>, _>>()?;
-    let rows = baselines
-        .iter()
-        .map(|sample| view.yardstick.row(sample))
-        .collect::<Result<_, _>>()
-        .map_err(statistics)?;
+    let rows = baselines.iter().map(|sample| view.yardstick.row(sample)).collect::<Result<_, _>>()?;
     let report = view.report(sets, rows);
     Ok(HeldOut { report, contexts, options, baselines: names.into_iter().zip(rollouts).collect() })
 }
@@ -179,10 +174,6 @@ pub struct HeldOut {
     pub options: BTreeMap<usize, Vec<Rollout>>,
     /// Rollouts of the baselines; several rows where there are several of a kind.
     pub baselines: Vec<(String, Vec<Vec<Rollout>>)>,
-}
-
-pub(crate) fn statistics(error: StatisticsError) -> RunError {
-    RunError::Config(format!("the report's statistics are not defined: {error}"))
 }
 
 /// Random `K`-subsets of the candidates, each drawn without replacement.
@@ -299,20 +290,14 @@ impl View<'_> {
         };
         Ok(SetReport {
             metric: choice.metric.clone(),
-            options: choice
-                .chosen
-                .iter()
-                .map(option)
-                .collect::<Result<_, StatisticsError>>()
-                .map_err(statistics)?,
-            selection_score: mean(&scores).map_err(statistics)?,
+            options: choice.chosen.iter().map(option).collect::<Result<_, RunError>>()?,
+            selection_score: mean(&scores)?,
             score: self.yardstick.score(metric, &sample, self.run)?,
-            row: self.yardstick.row(&sample).map_err(statistics)?,
+            row: self.yardstick.row(&sample)?,
             against: baselines
                 .iter()
                 .map(|b| self.yardstick.compare(&sample, b))
-                .collect::<Result<_, _>>()
-                .map_err(statistics)?,
+                .collect::<Result<_, _>>()?,
         })
     }
 

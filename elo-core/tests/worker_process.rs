@@ -9,15 +9,18 @@ use std::io::Write;
 use std::os::fd::AsRawFd;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use elo_core::hosted::WorkerProgram;
 use elo_core::policy::{Monitor, Stopped, Unwatched};
 use elo_core::run_dir::{RunDir, RunDirError};
 use elo_core::worker::{
     Exit, Identity, JobError, JobErrorKind, Limits, PROTOCOL, Reply, Request, WorkerFault, WorkerProcess,
     own_pipes, serve,
 };
+use elo_core::workforce::{Hosts, Job, TRIES, Undone, Workforce};
 
 const ROLE: &str = "ELO_TEST_ROLE";
 const DIR: &str = "ELO_TEST_DIR";
@@ -402,6 +405,61 @@ fn a_worker_whose_parent_was_killed_ends_in_the_middle_of_its_job() {
     parent.kill().unwrap();
     parent.wait().unwrap();
     wait_until("the worker is gone", || !held(&path));
+}
+
+/// Starts this program as a worker, after some starts during which it is killed.
+struct Starts {
+    killed: usize,
+    begun: AtomicUsize,
+}
+
+impl Hosts for Starts {
+    fn start(&self, asked: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {
+        let command = match asked {
+            WorkerProgram::Interpreter(_) => Command::new("/nowhere"),
+            _ if self.begun.fetch_add(1, Ordering::Relaxed) < self.killed => {
+                let mut command = Command::new("sh");
+                command.args(["-c", "kill -KILL $$"]);
+                command
+            }
+            WorkerProgram::Beside(role) => program(role),
+        };
+        WorkerProcess::spawn(command, US.fingerprint, Limits::default())
+    }
+}
+
+#[test]
+fn workers_are_used_again_until_they_are_lost_and_replaced_so_many_times() {
+    let lost_over = |hosts: &Starts, jobs: &[&str]| {
+        let (workforce, mut lost) = (Workforce::new(hosts), 0);
+        let mut run = |work: &&str| {
+            let program = WorkerProgram::Beside("worker");
+            let job = Job { program, work: work.as_bytes(), inputs: &[] };
+            workforce.run(job, &mut Unwatched, &mut |_| lost += 1)
+        };
+        let done: Vec<_> = jobs.iter().map(&mut run).collect();
+        (done, lost, hosts.begun.load(Ordering::Relaxed))
+    };
+    let hosts = Starts { killed: 0, begun: AtomicUsize::new(0) };
+    let (done, lost, begun) = lost_over(&hosts, &["count", "fail", "count", "abort", "count"]);
+    assert!(matches!(
+        done.as_slice(),
+        [Ok(_), Err(Undone::Failed(_)), Ok(_), Err(Undone::Lost(WorkerFault::Died { .. })), Ok(_)]
+    ));
+    assert_eq!((lost, begun), (TRIES, TRIES + 1));
+
+    // Killed as they start they are begun again, and nobody is told.
+    let hosts = Starts { killed: TRIES - 1, begun: AtomicUsize::new(0) };
+    let (done, lost, begun) = lost_over(&hosts, &["count"]);
+    assert!(matches!(done.as_slice(), [Ok(_)]), "{done:?}");
+    assert_eq!((lost, begun), (0, TRIES));
+    let hosts = Starts { killed: TRIES, begun: AtomicUsize::new(0) };
+    assert!(matches!(lost_over(&hosts, &["count"]).0.as_slice(), [Err(Undone::Lost(_))]));
+
+    // What is not there is not tried again.
+    let job = Job { program: WorkerProgram::Interpreter("nowhere"), work: b"count", inputs: &[] };
+    let done = Workforce::new(&hosts).run(job, &mut Unwatched, &mut |_| panic!("nothing was lost"));
+    assert!(matches!(done, Err(Undone::Start(WorkerFault::Start { .. }))));
 }
 
 fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {

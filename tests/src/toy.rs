@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use elo_core::config;
-use elo_core::crew::{Crew, Hosts, RunError, Staff, Unwatched};
+use elo_core::crew::{Crew, RunError, Staff, Unwatched};
 use elo_core::discover::{Discovery, Run, discover};
 use elo_core::experiment::Experiment;
 use elo_core::fault::Faults;
@@ -14,6 +14,7 @@ use elo_core::report::{Report, report};
 use elo_core::results;
 use elo_core::run_dir::RunDir;
 use elo_core::worker::{WorkerFault, WorkerProcess};
+use elo_core::workforce::Hosts;
 
 use crate::PLUGINS;
 

@@ -6,26 +6,25 @@
 use std::process::Command;
 
 use elo_backends::locomotion::robot::{AliveRule, NAMES, RobotDescription, built_in};
+use elo_cli::hosts::Programs;
 use elo_core::context::{Context, PreparedStart};
 use elo_core::fingerprint::fingerprint;
+use elo_core::hosted::WorkerProgram;
 use elo_core::policy::Unwatched;
 use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::play::Play;
 use elo_core::units::trace::{self, Trace};
 use elo_core::units::{Work, prepare};
 use elo_core::worker::WorkerProcess;
 use elo_core::workers::Workers;
+use elo_core::workforce::Hosts as _;
 use elo_tests::{programs, skipped};
 use serde_json::json;
 
 const STEPS: usize = 1000;
-
-fn worker(mut command: Command) -> WorkerProcess {
-    command.current_dir(programs::repository());
-    WorkerProcess::spawn(command, &fingerprint(), Workers::default().limits()).unwrap()
-}
 
 /// Random torque for [`STEPS`] steps in every context: what is seen, and what the reward terms come to.
 fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> (Vec<trace::Seen>, RolloutTable) {
@@ -33,24 +32,18 @@ fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> (Vec<tra
     let context = |(seed, task)| Context { task, start: PreparedStart::standard(seed) };
     let contexts = [(1, Task::default()), (2, slippery), (3, Task::default())].map(context);
     let inputs = [prepare::encode(&contexts)];
-    let subjects = || vec![Subject { name: "random".to_owned(), behavior: Behavior::RandomTorque }];
-    let horizon = Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true };
-    let simulator = || serde_json::from_value(simulator.clone()).unwrap();
-    let seed = Seed::root(5);
-    let (simulator_too, horizon_too, seed_too) = (simulator(), horizon.clone(), seed.clone());
-    let trace = Trace { simulator: simulator(), subjects: subjects(), horizon, seed };
-    let evaluate = Evaluate {
-        simulator: simulator_too,
-        subjects: subjects(),
-        contexts: 1,
-        horizon: horizon_too,
-        seed: seed_too,
+    let play = || Play {
+        simulator: serde_json::from_value(simulator.clone()).unwrap(),
+        subjects: vec![Subject { name: "random".to_owned(), behavior: Behavior::RandomTorque }],
+        horizon: Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true },
+        seed: Seed::root(5),
     };
     let mut done = |work: Work| {
         let job = serde_json::to_vec(&work).unwrap();
         worker.run(&job, &inputs, &mut Unwatched).unwrap()
     };
-    let seen = trace::decode(&done(trace.into())).unwrap();
+    let seen = trace::decode(&done(Trace(play()).into())).unwrap();
+    let evaluate = Evaluate { contexts: 1, play: play() };
     (seen, RolloutTable::decode(&done(evaluate.into())).unwrap())
 }
 
@@ -63,10 +56,9 @@ fn mujoco_from_rust_and_from_python_is_bit_identical() {
     if !python.is_file() {
         return skipped(test, &format!("python: {} is missing; run tests/set-up", python.display()));
     }
-    let mut here = worker(Command::new(ours));
-    let mut command = Command::new(python);
-    command.args(["-m", "elo.worker"]);
-    let mut there = worker(command);
+    let workers = Workers { python: python.to_string_lossy().into_owned(), ..Workers::default() };
+    let mut here = WorkerProcess::spawn(Command::new(ours), &fingerprint(), workers.limits()).unwrap();
+    let mut there = Programs { workers }.start(&WorkerProgram::Interpreter("python")).unwrap();
     for name in NAMES {
         // A robot that cannot fall goes on for all steps.
         let own = RobotDescription { alive: AliveRule::default(), ..built_in(name).unwrap() };

@@ -77,10 +77,9 @@ impl SimulatorConfig for MujocoConfig {
     /// In an interpreter MuJoCo is the package `mujoco`, which takes the same steps.
     #[cfg(all(feature = "python", not(feature = "mujoco")))]
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
-        let model = self.model()?;
-        let version = [("version".to_owned(), Self::VERSION.into())].into_iter().collect();
-        let body = crate::python::PythonBody::new("elo.bodies:MujocoBody", &version, &model)?;
-        Ok(Box::new(crate::locomotion::simulator::Locomotion::new(model, body)))
+        let kwargs = [("version".to_owned(), Self::VERSION.into())].into_iter().collect();
+        let (robot, own_robot) = (self.robot.clone(), self.own_robot.clone());
+        crate::python::PythonBodyConfig { kwargs, robot, own_robot, ..Default::default() }.build()
     }
 
     #[cfg(not(any(feature = "python", feature = "mujoco")))]

@@ -3,8 +3,8 @@
 use elo_core::simulator::{BuildError, SimulatorError};
 use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
-use serde::Serialize;
 
+use super::PythonBodyConfig;
 use super::interpreter::{array, bridge, refused, told};
 use super::watchdog::Call;
 use crate::locomotion::body::{ArticulatedBody, Dynamics, Pose, Reading};
@@ -23,61 +23,14 @@ pub struct PythonBody {
     joints: usize,
 }
 
-/// What the Python side is told.
-#[derive(Serialize)]
-struct Told<'a> {
-    target: &'a str,
-    kwargs: &'a serde_json::Map<String, serde_json::Value>,
-    robot: Robot<'a>,
-}
-
-/// `elo.bodies.Robot`.
-#[derive(Serialize)]
-struct Robot<'a> {
-    name: &'a str,
-    mjcf: &'a str,
-    substeps: u32,
-    torso: usize,
-    bodies: Vec<&'a str>,
-    joints: Vec<Joint<'a>>,
-    positions: usize,
-    velocities: usize,
-}
-
-/// `elo.bodies.Joint`.
-#[derive(Serialize)]
-struct Joint<'a> {
-    name: &'a str,
-    position: usize,
-    velocity: usize,
-}
-
 impl PythonBody {
-    /// Calls `target` (`module:callable`) with the robot and `kwargs`.
+    /// Has the bridge make the body of `model`'s robot.
     ///
     /// # Errors
     /// A target that cannot be imported or called, or that gives no body.
-    pub fn new(
-        target: &str,
-        kwargs: &serde_json::Map<String, serde_json::Value>,
-        model: &RobotModel,
-    ) -> Result<Self, BuildError> {
-        let robot = Robot {
-            name: &model.description.name,
-            mjcf: &model.description.mjcf,
-            substeps: model.description.substeps,
-            torso: model.torso,
-            bodies: model.bodies.iter().map(|body| body.name.as_str()).collect(),
-            joints: model
-                .joints
-                .iter()
-                .map(|j| Joint { name: &j.name, position: j.position, velocity: j.velocity })
-                .collect(),
-            positions: model.standard_positions.len(),
-            velocities: model.velocity_count,
-        };
+    pub fn new(config: &PythonBodyConfig, model: &RobotModel) -> Result<Self, BuildError> {
         Python::attach(|py| -> PyResult<Self> {
-            let bridge = bridge(py, "body", &Told { target, kwargs, robot })?;
+            let bridge = bridge(py, "body", &config.told(model))?;
             let reading = array::<f64>(&bridge, "reading")?;
             Ok(Self {
                 advance: bridge.getattr("advance")?.unbind(),
@@ -90,14 +43,6 @@ impl PythonBody {
             })
         })
         .map_err(refused)
-    }
-
-    /// Versions of whatever the body's numbers depend on.
-    ///
-    /// # Errors
-    /// An exception.
-    pub fn versions(&self) -> Result<String, BuildError> {
-        Python::attach(|py| self.bridge.bind(py).call_method0("versions")?.extract()).map_err(refused)
     }
 
     /// Makes a call, then takes over what it left in `reading`.

@@ -9,7 +9,7 @@ use elo_core::spec::SimulatorSpec;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::locomotion::model::RobotModel;
+use crate::locomotion::model::{ActuatedJoint, RobotModel};
 use crate::locomotion::robot::{self, RobotDescription};
 
 /// A robot in an engine in Python, which moves its bodies; observation, reward, ends and task parameters are those of the
@@ -56,6 +56,51 @@ impl PythonBodyConfig {
     fn model(&self) -> Result<RobotModel, BuildError> {
         robot::chosen(self.robot.as_deref(), self.own_robot.as_ref()).map_err(BuildError::Robot)
     }
+
+    pub(super) fn told<'a>(&'a self, model: &'a RobotModel) -> Told<'a> {
+        let joint =
+            |j: &'a ActuatedJoint| Joint { name: &j.name, position: j.position, velocity: j.velocity };
+        let robot = Robot {
+            name: &model.description.name,
+            mjcf: &model.description.mjcf,
+            substeps: model.description.substeps,
+            torso: model.torso,
+            bodies: model.bodies.iter().map(|body| body.name.as_str()).collect(),
+            joints: model.joints.iter().map(joint).collect(),
+            positions: model.standard_positions.len(),
+            velocities: model.velocity_count,
+        };
+        Told { target: &self.target, kwargs: &self.kwargs, robot }
+    }
+}
+
+/// What the Python side is told.
+#[derive(Serialize)]
+pub(super) struct Told<'a> {
+    target: &'a str,
+    kwargs: &'a serde_json::Map<String, serde_json::Value>,
+    robot: Robot<'a>,
+}
+
+/// `elo.bodies.Robot`.
+#[derive(Serialize)]
+struct Robot<'a> {
+    name: &'a str,
+    mjcf: &'a str,
+    substeps: u32,
+    torso: usize,
+    bodies: Vec<&'a str>,
+    joints: Vec<Joint<'a>>,
+    positions: usize,
+    velocities: usize,
+}
+
+/// `elo.bodies.Joint`.
+#[derive(Serialize)]
+struct Joint<'a> {
+    name: &'a str,
+    position: usize,
+    velocity: usize,
 }
 
 #[typetag::serde(name = "python_body")]
@@ -91,7 +136,7 @@ impl SimulatorConfig for PythonBodyConfig {
     #[cfg(feature = "python")]
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
         let model = self.model()?;
-        let body = super::PythonBody::new(&self.target, &self.kwargs, &model)?;
+        let body = super::PythonBody::new(self, &model)?;
         Ok(Box::new(crate::locomotion::simulator::Locomotion::new(model, body)))
     }
 
@@ -106,23 +151,11 @@ impl Hosted for PythonBodyConfig {
         super::WORKER
     }
 
-    fn needs_description(&self) -> bool {
-        true
-    }
-
-    #[cfg(feature = "python")]
     fn describe(&self) -> Result<Vec<u8>, BuildError> {
-        let body = super::PythonBody::new(&self.target, &self.kwargs, &self.model()?)?;
-        body.versions().map(String::into_bytes)
-    }
-
-    #[cfg(not(feature = "python"))]
-    fn describe(&self) -> Result<Vec<u8>, BuildError> {
-        Err(super::missing())
+        super::describe("body", &self.told(&self.model()?))
     }
 
     fn accept_description(&mut self, description: &[u8]) -> Result<(), String> {
-        self.described = Some(String::from_utf8_lossy(description).into_owned());
-        Ok(())
+        super::accept(&mut self.described, description)
     }
 }

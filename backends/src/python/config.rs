@@ -250,18 +250,8 @@ impl Hosted for PythonConfig {
         super::WORKER
     }
 
-    fn needs_description(&self) -> bool {
-        true
-    }
-
-    #[cfg(feature = "python")]
     fn describe(&self) -> Result<Vec<u8>, BuildError> {
-        super::simulator::describe(self)
-    }
-
-    #[cfg(not(feature = "python"))]
-    fn describe(&self) -> Result<Vec<u8>, BuildError> {
-        Err(super::missing())
+        super::describe("environment", self)
     }
 
     fn accept_description(&mut self, description: &[u8]) -> Result<(), String> {

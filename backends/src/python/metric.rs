@@ -90,17 +90,12 @@ impl Hosted for PythonMetricConfig {
         super::WORKER
     }
 
-    fn needs_description(&self) -> bool {
-        true
-    }
-
     fn describe(&self) -> Result<Vec<u8>, BuildError> {
-        super::versions("metric", self)
+        super::describe("metric", self)
     }
 
     fn accept_description(&mut self, description: &[u8]) -> Result<(), String> {
-        self.described = Some(String::from_utf8_lossy(description).into_owned());
-        Ok(())
+        super::accept(&mut self.described, description)
     }
 }
 

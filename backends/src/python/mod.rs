@@ -59,17 +59,23 @@ fn validate_target(target: &str, faults: &mut Faults) {
     faults.check(target.contains(':'), "target", || format!("expected `module:callable`, got {target:?}"));
 }
 
-/// What the results of a user's code depend on, in the words of its bridge.
+/// What the bridge of a user's code says of it: versions of what its results depend on, or more.
 #[cfg(feature = "python")]
-fn versions(bridge: &str, config: &impl serde::Serialize) -> Result<Vec<u8>, BuildError> {
+fn describe(bridge: &str, config: &impl serde::Serialize) -> Result<Vec<u8>, BuildError> {
     use pyo3::prelude::*;
     let text = Python::attach(|py| {
-        interpreter::bridge(py, bridge, config)?.call_method0("versions")?.extract::<String>()
+        interpreter::bridge(py, bridge, config)?.call_method0("describe")?.extract::<String>()
     });
     text.map(String::into_bytes).map_err(interpreter::refused)
 }
 
 #[cfg(not(feature = "python"))]
-fn versions(_: &str, _: &impl serde::Serialize) -> Result<Vec<u8>, BuildError> {
+fn describe(_: &str, _: &impl serde::Serialize) -> Result<Vec<u8>, BuildError> {
     Err(missing())
+}
+
+/// Takes up the versions that [`describe`] gave.
+fn accept(described: &mut Option<String>, description: &[u8]) -> Result<(), String> {
+    *described = Some(String::from_utf8_lossy(description).into_owned());
+    Ok(())
 }

@@ -27,16 +27,6 @@ pub struct PythonSimulator {
     running: bool,
 }
 
-/// What the environment of `config` says of itself, as JSON.
-pub fn describe(config: &PythonConfig) -> Result<Vec<u8>, BuildError> {
-    Python::attach(|py| {
-        let described = bridge(py, "environment", config)?.call_method0("describe")?;
-        described.extract::<String>()
-    })
-    .map(String::into_bytes)
-    .map_err(refused)
-}
-
 impl PythonSimulator {
     /// Makes the environment and asks it what it is.
     ///
@@ -134,15 +124,11 @@ impl Simulator for PythonSimulator {
         check_length("observation", observation.len(), self.spec.observation_size)?;
         check_length("reward terms", reward_terms.len(), self.spec.reward_terms.len())?;
         check_action(action)?;
-        let (low, high) = (&self.spec.action_low, &self.spec.action_high);
         let end = Python::attach(|py| -> PyResult<u8> {
             let _call = Call::begin();
             let mut given = self.action.bind(py).try_readwrite()?;
-            for ((to, a), (low, high)) in
-                given.as_slice_mut()?.iter_mut().zip(action).zip(low.iter().zip(high))
-            {
-                *to = a.clamp(*low, *high);
-            }
+            given.as_slice_mut()?.copy_from_slice(action);
+            self.spec.clip(given.as_slice_mut()?);
             drop(given);
             let end = self.step.bind(py).call0()?.extract()?;
             observation.copy_from_slice(self.observation.bind(py).try_readonly()?.as_slice()?);

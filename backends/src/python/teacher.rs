@@ -154,17 +154,12 @@ impl Hosted for PythonTeacherConfig {
         super::WORKER
     }
 
-    fn needs_description(&self) -> bool {
-        true
-    }
-
     fn describe(&self) -> Result<Vec<u8>, BuildError> {
-        super::versions("teacher", self)
+        super::describe("teacher", self)
     }
 
     fn accept_description(&mut self, description: &[u8]) -> Result<(), String> {
-        self.described = Some(String::from_utf8_lossy(description).into_owned());
-        Ok(())
+        super::accept(&mut self.described, description)
     }
 }
 

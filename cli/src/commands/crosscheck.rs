@@ -5,7 +5,6 @@ use std::path::Path;
 use elo_core::crosscheck::crosscheck;
 use elo_core::discover::{Run, discover, duplicate};
 use elo_core::experiment::Experiment;
-use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::plugin::Plugin;
 use toml::{Table, Value};
 
@@ -53,8 +52,7 @@ pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
 }
 
 fn in_interpreter(experiment: &Experiment) -> bool {
-    let worker = experiment.simulator.hosted().map(Hosted::worker);
-    matches!(worker, Some(WorkerProgram::Interpreter(_)))
+    experiment.simulator.hosted().is_some_and(|hosted| hosted.worker().is_interpreter())
 }
 
 /// The run's experiment on another simulator: a kind, or a TOML file with a `[simulator]` table (and `[workers]`).

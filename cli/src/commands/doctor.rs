@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-use elo_core::crew::Hosts as _;
 use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::Hosted;
 use elo_core::plugin::{Plugin, Role};
 use elo_core::simulator::SimulatorConfig;
+use elo_core::workforce::Hosts as _;
 
 use crate::exit::Exit;
 use crate::hosts::{Programs, remedy};

@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use elo_core::context::{Context, PreparedStart};
-use elo_core::crew::Hosts as _;
 use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
 use elo_core::hosted::Hosted;
@@ -13,7 +12,9 @@ use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::play::Play;
 use elo_core::units::{Site, Work, prepare};
+use elo_core::workforce::Hosts as _;
 
 use crate::exit::Exit;
 use crate::hosts::Programs;
@@ -78,13 +79,13 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
 /// program or in the engine's worker. Or why it could not be measured.
 fn seconds_per_step(experiment: &Experiment) -> Result<f64, String> {
     let start = |seed| Context { task: Task::default(), start: PreparedStart::standard(seed) };
-    let work = Work::from(Evaluate {
+    let play = Play {
         simulator: duplicate(&experiment.simulator),
         subjects: vec![Subject { name: "plan".to_owned(), behavior: Behavior::RandomTorque }],
-        contexts: 1,
         horizon: Horizon { steps: 200, discount: 1.0, stop_at_fall: true },
         seed: Seed::root(0),
-    });
+    };
+    let work = Work::from(Evaluate { contexts: 1, play });
     let inputs = [prepare::encode(&(0..10).map(start).collect::<Vec<_>>())];
     let mut here = Site::new(Vec::new());
     let mut worker = match experiment.simulator.hosted().map(Hosted::worker) {

@@ -9,7 +9,6 @@ use crate::experiment::TeacherActs;
 use crate::figures::{Row, Sample};
 use crate::key::Key;
 use crate::performer::{Performer, PerformerRole};
-use crate::report::statistics;
 use crate::seed::{Seed, Stream};
 use crate::statistics::bootstrap::Interval;
 use crate::task::Task;
@@ -144,7 +143,7 @@ impl LearningCurve {
     }
 
     pub fn points(&self, view: &View<'_>) -> Result<Vec<CurvePoint>, RunError> {
-        let row = |measured: &Measured| view.yardstick.row(&measured.sample).map_err(statistics);
+        let row = |measured: &Measured| view.yardstick.row(&measured.sample);
         self.policies
             .iter()
             .map(|kept| {
@@ -156,7 +155,7 @@ impl LearningCurve {
 
     /// How long the teacher trains to earn what `agent` earns, by samples and by its mean.
     pub fn equivalents(&self, view: &View<'_>, agent: &Sample) -> Result<Vec<Equivalent>, RunError> {
-        let level = view.yardstick.row(agent).map_err(statistics)?.mean_return;
+        let level = view.yardstick.row(agent)?.mean_return;
         [TeacherActs::Sample, TeacherActs::Mean]
             .into_iter()
             .map(|acts| {

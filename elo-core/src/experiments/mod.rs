@@ -19,7 +19,7 @@ use crate::experiment::Experiment;
 use crate::figures::{Row, Sample, Tail, Yardstick};
 use crate::performer::{Performer, PerformerRole};
 use crate::policy::OptionLearner;
-use crate::report::{HeldOut, report, statistics};
+use crate::report::{HeldOut, report};
 use crate::rollout::{Ending, Rollout};
 use crate::simulator::Engine;
 use crate::statistics::proportion::clopper_pearson_upper;
@@ -238,11 +238,11 @@ impl View<'_> {
         let rollouts = members.len() as u64;
         let bound = |count: usize| {
             let count = count as u64;
-            let upper = clopper_pearson_upper(count, rollouts, self.run.experiment.report.confidence);
-            Ok::<_, RunError>(Bound { count, rollouts, upper: upper.map_err(statistics)? })
+            let upper = clopper_pearson_upper(count, rollouts, self.run.experiment.report.confidence)?;
+            Ok::<_, RunError>(Bound { count, rollouts, upper })
         };
         Ok(AgentReturns {
-            row: self.yardstick.row(sample).map_err(statistics)?,
+            row: self.yardstick.row(sample)?,
             returns: sample.returns.concat(),
             falls: bound(falls.count())?,
             low_returns: bound(low.count())?,

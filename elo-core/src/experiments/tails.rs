@@ -10,7 +10,7 @@ use crate::discover::duplicate;
 use crate::figures::{Sample, Tail, Yardstick};
 use crate::measured::Pool;
 use crate::metric::{MaximumMean, Metric, NegativeTail, PositiveSkew};
-use crate::report::{measure_options, statistics};
+use crate::report::measure_options;
 use crate::returns::{ReturnScaling, SetValue};
 use crate::select::{Choice, Selection};
 use crate::statistics::bandwidth::BandwidthRule;
@@ -161,10 +161,9 @@ impl<'a> Sets<'a> {
 
     fn figures(&self, index: usize, tail: Tail) -> Result<TailFigures, RunError> {
         let sample = &self.samples[index];
-        let row = self.yardstick.row(sample).map_err(statistics)?;
+        let row = self.yardstick.row(sample)?;
         let returns = self.yardstick.normal(sample).concat();
-        let density =
-            Density::new(&returns, BandwidthRule::Silverman, Bounds::default()).map_err(statistics)?;
+        let density = Density::new(&returns, BandwidthRule::Silverman, Bounds::default())?;
         let below = density.cdf(self.yardstick.threshold(tail));
         let (area, smooth) = match tail {
             Tail::Lower => (row.lower_tail, below),

@@ -52,6 +52,27 @@ pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, Vec<&[u8]>), Malf
     Ok((head, parts))
 }
 
+/// Rows of numbers, each as `bytes` writes them.
+pub fn encode_rows<T>(rows: &[Vec<T>], bytes: fn(&[T]) -> Vec<u8>) -> Vec<u8> {
+    let sections: Vec<Vec<u8>> = rows.iter().map(|row| bytes(row)).collect();
+    encode(&rows.len(), &sections.iter().map(Vec::as_slice).collect::<Vec<_>>())
+}
+
+/// Reads what [`encode_rows`] wrote, each row by `numbers`.
+///
+/// # Errors
+/// [`Malformed`].
+pub fn decode_rows<T>(
+    bytes: &[u8],
+    numbers: fn(&[u8], usize) -> Result<Vec<T>, Malformed>,
+) -> Result<Vec<Vec<T>>, Malformed> {
+    let (count, sections): (usize, _) = decode(bytes)?;
+    if count != sections.len() {
+        return Err(Malformed(format!("{} rows of {count}", sections.len())));
+    }
+    sections.iter().map(|section| numbers(section, section.len() / size_of::<T>())).collect()
+}
+
 /// Little-endian bytes of numbers.
 pub fn f64_bytes(numbers: &[f64]) -> Vec<u8> {
     numbers.iter().flat_map(|x| x.to_le_bytes()).collect()
@@ -117,5 +138,14 @@ mod tests {
         }
         assert!(decode::<Vec<f64>>(&[bytes.as_slice(), &[0]].concat()).is_err());
         assert!(decode::<Vec<f64>>(&[0xff; 64]).is_err());
+    }
+
+    #[test]
+    fn rows_of_any_lengths_come_back_whole_or_not_at_all() {
+        let rows = vec![vec![0.5_f32, -3.0], vec![], vec![f32::MAX]];
+        let bytes = encode_rows(&rows, f32_bytes);
+        assert_eq!(decode_rows(&bytes, f32_numbers), Ok(rows));
+        assert!(decode_rows(&bytes, f64_numbers).is_err());
+        assert!(decode_rows(&encode(&2, &[&[0; 8]]), f32_numbers).is_err());
     }
 }

@@ -10,9 +10,8 @@ use crate::context::Context;
 use crate::experiment::TeacherActs;
 use crate::hosted::Hosted;
 use crate::policy::{Monitor, OptionPolicy, TeacherConfig, TeacherPolicy};
-use crate::rollout::{Ending, Horizon, Rollout};
+use crate::rollout::{Ending, Rollout};
 use crate::seed::Seed;
-use crate::simulator::SimulatorConfig;
 use crate::spec::SimulatorSpec;
 
 /// Some subjects in all contexts of a split. The inputs are `contexts` results of [`prepare`], then whatever the
@@ -20,16 +19,11 @@ use crate::spec::SimulatorSpec;
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Evaluate {
-    /// Where.
-    pub simulator: Box<dyn SimulatorConfig>,
-    /// Who.
-    pub subjects: Vec<Subject>,
     /// How many inputs hold contexts.
     pub contexts: usize,
-    /// For how long.
-    pub horizon: Horizon,
-    /// The root of the rollouts' streams: context `j` of subject `n` draws from `n.seed / j`.
-    pub seed: Seed,
+    /// Who, where, and for how long.
+    #[serde(flatten)]
+    pub play: Play,
 }
 
 /// One subject and the name of its random streams.
@@ -123,14 +117,8 @@ impl Evaluate {
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
         let contexts = self.read_contexts(inputs)?;
-        let play = Play {
-            simulator: self.simulator.as_ref(),
-            subjects: &self.subjects,
-            horizon: &self.horizon,
-            seed: &self.seed,
-        };
-        let played: Vec<(Rollout, ())> = play.run(&contexts, inputs, site, monitor)?;
-        let terms = self.simulator.spec()?.reward_terms.len();
+        let played: Vec<(Rollout, ())> = self.play.run(&contexts, inputs, site, monitor)?;
+        let terms = self.play.simulator.spec()?.reward_terms.len();
         let rollouts = played.into_iter().map(|(rollout, ())| rollout).collect();
         Ok(RolloutTable { terms, contexts: contexts.len(), rollouts }.encode())
     }
@@ -148,10 +136,11 @@ impl Evaluate {
     /// The table in which every rollout failed for this reason.
     pub(super) fn all_failed(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
         let contexts = self.read_contexts(inputs)?.len();
-        let terms = self.simulator.spec()?.reward_terms.len();
+        let terms = self.play.simulator.spec()?.reward_terms.len();
         let ending = Ending::Failed(reason.to_owned());
         let rollout = Rollout { term_sums: vec![0.0; terms], length: 0, ending, clamped: 0 };
-        Ok(RolloutTable { terms, contexts, rollouts: vec![rollout; contexts * self.subjects.len()] }.encode())
+        let rollouts = vec![rollout; contexts * self.play.subjects.len()];
+        Ok(RolloutTable { terms, contexts, rollouts }.encode())
     }
 }
 

@@ -9,7 +9,7 @@ pub mod codec;
 pub mod describe;
 pub mod evaluate;
 pub mod learn;
-mod play;
+pub mod play;
 pub mod prepare;
 pub mod record;
 pub mod score;
@@ -26,7 +26,8 @@ use crate::policy::{Monitor, PolicyFormat, Stopped};
 use crate::seed::Seed;
 use crate::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
 use codec::Malformed;
-use evaluate::Subject;
+use evaluate::{Evaluate, Subject};
+use trace::Trace;
 
 /// A unit's description; its variants are the stages.
 #[derive(Debug, Serialize, Deserialize)]
@@ -41,9 +42,9 @@ pub enum Work {
     /// Some contexts.
     Prepare(prepare::Prepare),
     /// Some rollouts.
-    Evaluate(evaluate::Evaluate),
+    Evaluate(Evaluate),
     /// What is seen in some rollouts.
-    Trace(trace::Trace),
+    Trace(Trace),
     /// Some scores.
     Score(score::Score),
     /// What a plugin is.
@@ -73,8 +74,7 @@ impl Work {
             Self::Train(work) => Some(work.simulator.as_ref()),
             Self::Record(work) => Some(work.simulator.as_ref()),
             Self::Prepare(work) => Some(work.simulator.as_ref()),
-            Self::Evaluate(work) => Some(work.simulator.as_ref()),
-            Self::Trace(work) => Some(work.simulator.as_ref()),
+            Self::Evaluate(Evaluate { play, .. }) | Self::Trace(Trace(play)) => Some(play.simulator.as_ref()),
             Self::Learn(_) | Self::Score(_) | Self::Describe(_) => None,
         }
     }
@@ -85,8 +85,9 @@ impl Work {
         let other = match self {
             Self::Train(work) => vec![work.teacher.hosted()],
             Self::Record(work) => vec![work.teacher.hosted()],
-            Self::Evaluate(work) => work.subjects.iter().map(Subject::hosted).collect(),
-            Self::Trace(work) => work.subjects.iter().map(Subject::hosted).collect(),
+            Self::Evaluate(Evaluate { play, .. }) | Self::Trace(Trace(play)) => {
+                play.subjects.iter().map(Subject::hosted).collect()
+            }
             Self::Score(work) => vec![work.metric.hosted()],
             Self::Describe(work) => vec![work.hosted()],
             Self::Prepare(_) | Self::Learn(_) => Vec::new(),
@@ -98,9 +99,7 @@ impl Work {
     /// others too, or else the simulator's worker.
     pub fn worker(&self) -> Option<WorkerProgram> {
         let programs = || self.hosted().into_iter().map(Hosted::worker);
-        programs()
-            .find(|program| matches!(program, WorkerProgram::Interpreter(_)))
-            .or_else(|| programs().next())
+        programs().find(WorkerProgram::is_interpreter).or_else(|| programs().next())
     }
 
     /// The unit's key, see [`Key`].
@@ -111,8 +110,7 @@ impl Work {
             Self::Record(work) => &work.seed,
             Self::Learn(work) => &work.seed,
             Self::Prepare(work) => &work.seed,
-            Self::Evaluate(work) => &work.seed,
-            Self::Trace(work) => &work.seed,
+            Self::Evaluate(Evaluate { play, .. }) | Self::Trace(Trace(play)) => &play.seed,
             Self::Score(work) => &work.seed,
             Self::Describe(_) => &Seed::root(0),
         };

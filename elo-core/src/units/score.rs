@@ -78,8 +78,7 @@ impl Score {
 
 /// Rows of numbers as bytes.
 pub fn encode(rows: &[Vec<f64>]) -> Vec<u8> {
-    let sections: Vec<Vec<u8>> = rows.iter().map(|row| codec::f64_bytes(row)).collect();
-    codec::encode(&rows.len(), &sections.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    codec::encode_rows(rows, codec::f64_bytes)
 }
 
 /// Reads rows of numbers.
@@ -87,11 +86,7 @@ pub fn encode(rows: &[Vec<f64>]) -> Vec<u8> {
 /// # Errors
 /// [`Malformed`].
 pub fn decode(bytes: &[u8]) -> Result<Vec<Vec<f64>>, Malformed> {
-    let (count, sections): (usize, _) = codec::decode(bytes)?;
-    if count != sections.len() {
-        return Err(Malformed(format!("{} rows of {count}", sections.len())));
-    }
-    sections.iter().map(|section| codec::f64_numbers(section, section.len() / 8)).collect()
+    codec::decode_rows(bytes, codec::f64_numbers)
 }
 
 impl From<Score> for Work {

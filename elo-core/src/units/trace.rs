@@ -3,27 +3,14 @@
 use serde::{Deserialize, Serialize};
 
 use super::codec::{self, Malformed};
-use super::evaluate::Subject;
 use super::play::Play;
 use super::{Site, Work, WorkError, input, prepare};
 use crate::policy::Monitor;
-use crate::rollout::{Horizon, Rollout, Witness};
-use crate::seed::Seed;
-use crate::simulator::SimulatorConfig;
+use crate::rollout::{Rollout, Witness};
 
 /// Some subjects in all contexts of the first input; the other inputs are whatever the subjects name.
 #[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Trace {
-    /// Where.
-    pub simulator: Box<dyn SimulatorConfig>,
-    /// Who.
-    pub subjects: Vec<Subject>,
-    /// For how long.
-    pub horizon: Horizon,
-    /// The root of the rollouts' streams, as in [`super::evaluate::Evaluate`].
-    pub seed: Seed,
-}
+pub struct Trace(pub Play);
 
 /// The observations of one rollout, one after the other; the first is that of the start.
 pub type Seen = Vec<f32>;
@@ -45,20 +32,10 @@ impl Trace {
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
         let contexts = prepare::decode(input(inputs, 0)?)?;
-        let play = Play {
-            simulator: self.simulator.as_ref(),
-            subjects: &self.subjects,
-            horizon: &self.horizon,
-            seed: &self.seed,
-        };
-        let played: Vec<(Rollout, Eyes)> = play.run(&contexts, inputs, site, monitor)?;
-        Ok(encode(&played.into_iter().map(|(_, eyes)| eyes.0).collect::<Vec<_>>()))
+        let played: Vec<(Rollout, Eyes)> = self.0.run(&contexts, inputs, site, monitor)?;
+        let seen: Vec<Seen> = played.into_iter().map(|(_, eyes)| eyes.0).collect();
+        Ok(codec::encode_rows(&seen, codec::f32_bytes))
     }
-}
-
-fn encode(seen: &[Seen]) -> Vec<u8> {
-    let sections: Vec<Vec<u8>> = seen.iter().map(|one| codec::f32_bytes(one)).collect();
-    codec::encode(&seen.len(), &sections.iter().map(Vec::as_slice).collect::<Vec<_>>())
 }
 
 /// Reads a unit's result: the observations of each rollout, subject by subject.
@@ -66,11 +43,7 @@ fn encode(seen: &[Seen]) -> Vec<u8> {
 /// # Errors
 /// [`Malformed`].
 pub fn decode(bytes: &[u8]) -> Result<Vec<Seen>, Malformed> {
-    let (count, sections): (usize, _) = codec::decode(bytes)?;
-    if count != sections.len() {
-        return Err(Malformed(format!("{} traces of {count}", sections.len())));
-    }
-    sections.iter().map(|section| codec::f32_numbers(section, section.len() / 4)).collect()
+    codec::decode_rows(bytes, codec::f32_numbers)
 }
 
 impl From<Trace> for Work {

@@ -330,6 +330,20 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_beyond_an_action_bound_does_and_costs_nothing() {
+        let task = Task::default();
+        let course = course(&task, 0.0, 100);
+        let stepped = |action: f32| {
+            let mut environment = begun(PointMassConfig::default().build().unwrap(), &course);
+            let outcome = environment.step(&[action], &course, &mut Tally::default()).unwrap();
+            (outcome, environment.observation().to_vec())
+        };
+        assert_eq!(stepped(5.0), stepped(1.0));
+        assert_eq!(stepped(-5.0), stepped(-1.0));
+        assert_ne!(stepped(0.5), stepped(1.0));
+    }
+
+    #[test]
     fn put_down_and_taken_up_an_episode_goes_on_where_states_can_be_set() {
         let task = Task::default();
         let course = course(&task, 0.5, 100);

@@ -16,13 +16,12 @@ use crate::normalized_mlp::NormalizedMlp;
 pub struct GaussianMlpTeacher {
     mean: NormalizedMlp,
     log_std: Vec<f32>,
-    low: Vec<f32>,
-    high: Vec<f32>,
+    spec: SimulatorSpec,
 }
 
 impl GaussianMlpTeacher {
     pub(super) fn new(mean: NormalizedMlp, log_std: Vec<f32>, spec: &SimulatorSpec) -> Self {
-        Self { mean, log_std, low: spec.action_low.clone(), high: spec.action_high.clone() }
+        Self { mean, log_std, spec: spec.clone() }
     }
 
     pub(super) fn to_tensors(&self) -> Tensors {
@@ -70,9 +69,7 @@ impl TeacherPolicy for GaussianMlpTeacher {
         if let Some(noise) = noise {
             self.explore(noise, action);
         }
-        for (a, (low, high)) in action.iter_mut().zip(self.low.iter().zip(&self.high)) {
-            *a = a.clamp(*low, *high);
-        }
+        self.spec.clip(action);
     }
 }
 
@@ -111,6 +108,38 @@ mod tests {
             assert_eq!(ours, theirs);
             assert_ne!(ours, means);
         }
+    }
+
+    #[test]
+    fn a_saturating_teacher_acts_within_the_action_bounds() {
+        let mut teacher = sample(2);
+        (teacher.spec.action_low, teacher.spec.action_high) = (vec![-0.25, 0.0], vec![0.5, 2.0]);
+        // Samples lie some twenty times the bounds away from their means.
+        teacher.log_std = vec![3.0; 2];
+        let (mut noise, mut action) = (Seed::root(5).stream(), [0.0; 2]);
+        let mut reached = [[false; 2]; 2];
+        for _ in 0..50 {
+            teacher.act(&[0.3, -0.2], Some(&mut noise), &mut action);
+            for (component, a) in action.iter().enumerate() {
+                let bounds = [teacher.spec.action_low[component], teacher.spec.action_high[component]];
+                assert!((bounds[0]..=bounds[1]).contains(a), "{action:?}");
+                for (reached, bound) in reached[component].iter_mut().zip(bounds) {
+                    *reached |= *a == bound;
+                }
+            }
+        }
+        assert_eq!(reached, [[true; 2]; 2]);
+        // Without noise too, where the mean itself lies outside.
+        let network = Mlp::orthogonal(&[2, 4, 1], 100.0, &mut Seed::root(1).stream()).unwrap();
+        let spec = PointMassConfig::default().description();
+        let mean = NormalizedMlp::new(Normalizer::identity(2), network);
+        let strong = GaussianMlpTeacher::new(mean, vec![0.0], &spec);
+        let acts = [[5.0, 5.0], [-5.0, -5.0]].map(|observation: [f32; 2]| {
+            let mut action = [0.0];
+            strong.act(&observation, None, &mut action);
+            action[0]
+        });
+        assert_eq!(acts.map(f32::abs), [1.0; 2]);
     }
 
     #[test]

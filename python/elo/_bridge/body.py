@@ -24,7 +24,7 @@ class Bridge:
         self._reading = Reading(self._robot)
         self.reading, self.torques = self._reading.all, np.zeros(len(self._robot.joints))
 
-    def versions(self) -> str:
+    def describe(self) -> str:
         return versions(type(self._body).__module__, "mujoco")
 
     def set_dynamics(self, floor_friction: float, payload: float) -> None:

@@ -20,7 +20,7 @@ class Bridge:
         self._config: dict[str, Any] = json.loads(config)
         self._target = find(self._config["target"])
 
-    def versions(self) -> str:
+    def describe(self) -> str:
         """What the scores depend on."""
         return versions(self._config["target"].partition(":")[0])
 

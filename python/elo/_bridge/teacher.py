@@ -23,7 +23,7 @@ class Bridge:
         self._config: dict[str, Any] = json.loads(config)
         self._target = find(self._config["target"])
 
-    def versions(self) -> str:
+    def describe(self) -> str:
         """What the policies depend on."""
         files = {name: Path(path).read_bytes() for name, path in sorted(self._config["files"].items())}
         hashes = [f"{name} {hashlib.sha256(data).hexdigest()[:16]}" for name, data in files.items()]

@@ -5,17 +5,16 @@ use std::error::Error;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
-use std::time::Duration;
 
-use elo_core::crew::Hosts;
+use elo_cli::hosts::Programs;
 use elo_core::discover::CONTEXTS_PER_UNIT;
-use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::WorkerProgram;
 use elo_core::policy;
 use elo_core::simulator::SimulatorConfig;
 use elo_core::units::Work;
 use elo_core::units::describe::Describe;
-use elo_core::worker::{Limits, WorkerFault, WorkerProcess};
+use elo_core::workers::Workers;
+use elo_core::workforce::Hosts as _;
 use serde_json::json;
 
 use crate::median;
@@ -43,7 +42,7 @@ pub fn run() -> Result<(), Box<dyn Error>> {
         let (mut bare, mut ours, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..ROUNDS {
             bare.push(bare_rate(robot, &bout)?);
-            let evaluated = bout.evaluate(&Interpreters, PROCESSES)?;
+            let evaluated = bout.evaluate(&programs(), PROCESSES)?;
             let rate = evaluated.steps as f64 / evaluated.seconds;
             ratios.push(rate / bare[bare.len() - 1]);
             ours.push(rate);
@@ -63,22 +62,16 @@ fn python() -> PathBuf {
     repository().join("target/python/bin/python")
 }
 
-/// An interpreter that finds the examples.
-fn interpreter() -> Command {
-    let mut command = Command::new(python());
-    command.env("PYTHONPATH", repository().join("examples/python"));
-    command
+/// Where the environment lies.
+fn examples() -> PathBuf {
+    repository().join("examples/python")
 }
 
-struct Interpreters;
-
-impl Hosts for Interpreters {
-    fn start(&self, _: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {
-        let limits = Limits { greeting: Duration::from_secs(60), silence: None, memory_bytes: None };
-        let mut command = interpreter();
-        command.args(["-m", "elo.worker"]);
-        WorkerProcess::spawn(command, &fingerprint(), limits)
-    }
+/// Workers as `elo` starts them.
+fn programs() -> Programs {
+    let text = |path: PathBuf| path.to_string_lossy().into_owned();
+    let python_path = vec![text(examples())];
+    Programs { workers: Workers { python: text(python()), python_path, ..Workers::default() } }
 }
 
 fn described(robot: &str) -> Result<Box<dyn SimulatorConfig>, Box<dyn Error>> {
@@ -87,7 +80,7 @@ fn described(robot: &str) -> Result<Box<dyn SimulatorConfig>, Box<dyn Error>> {
     });
     let read = || serde_json::from_value::<Box<dyn SimulatorConfig>>(table.clone());
     let job = serde_json::to_vec(&Work::from(Describe::Simulator(read()?)))?;
-    let mut worker = Interpreters.start(&WorkerProgram::Interpreter("python"))?;
+    let mut worker = programs().start(&WorkerProgram::Interpreter("python"))?;
     let description = worker.run(&job, &[], &mut policy::Unwatched)?;
     let mut simulator = read()?;
     let hosted = simulator.hosted_mut().ok_or("it runs in a worker")?;
@@ -105,7 +98,8 @@ fn bare_rate(robot: &str, bout: &Bout) -> Result<f64, Box<dyn Error>> {
         }
         let file = folder.path().join(first.to_string());
         std::fs::write(&file, actions)?;
-        let mut command = interpreter();
+        let mut command = Command::new(python());
+        command.env("PYTHONPATH", examples());
         command.arg(repository().join("tests/benches/throughput/bridge.py")).arg(robot).arg(file);
         command.args([STEPS, CONTEXTS].map(|size| size.to_string()));
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use elo_core::context::{Context, PreparedStart};
-use elo_core::crew::{Crew, Hosts, Staff, Unit, Unwatched};
+use elo_core::crew::{Crew, Staff, Unit, Unwatched};
 use elo_core::discover::duplicate;
 use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::{Hosted, WorkerProgram};
@@ -19,8 +19,10 @@ use elo_core::seed::Seed;
 use elo_core::simulator::SimulatorConfig;
 use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, Place, RolloutTable, Subject};
+use elo_core::units::play::Play;
 use elo_core::units::{learn, prepare};
 use elo_core::worker::{Limits, WorkerFault, WorkerProcess};
+use elo_core::workforce::Hosts;
 use elo_learners::open_loop::FORMAT;
 
 use crate::median;
@@ -134,16 +136,15 @@ impl Bout {
 
     fn unit(&self, item: usize, inputs: Vec<Key>, seed: &Seed) -> Unit {
         let options = vec![Place { input: inputs.len() - 1, item: 0 }];
-        let work = Evaluate {
+        let play = Play {
             simulator: duplicate(&self.simulator),
             subjects: vec![Subject {
                 name: item.to_string(),
                 behavior: Behavior::Infant { options, primitive_probability: 0.0 },
             }],
-            contexts: inputs.len() - 1,
             horizon: Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true },
             seed: seed.child("evaluate"),
         };
-        Unit { work: work.into(), inputs }
+        Unit { work: Evaluate { contexts: inputs.len() - 1, play }.into(), inputs }
     }
 }

@@ -18,11 +18,14 @@ use elo_core::crew::{Crew, Staff, Unit, Watcher};
 use elo_core::discover::duplicate;
 use elo_core::experiment::{Experiment, TeacherActs};
 use elo_core::fingerprint::fingerprint;
-use elo_core::rollout::{Ending, Horizon, price};
+use elo_core::rollout::{Ending, Horizon, Rollout, price};
 use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
+use elo_core::statistics::StatisticsError;
+use elo_core::statistics::summary::{mean, sample_sd};
 use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::play::Play;
 use elo_core::units::prepare;
 use elo_core::units::train::{TeacherResult, Train};
 use measurements::Failure;
@@ -56,18 +59,14 @@ fn main() -> Result<(), Failure> {
         let result = TeacherResult::decode(&crew.result(key)?)?;
         let snapshots = result.trained.ok_or("a training diverged")?.snapshots;
         let contexts = crew.import(&prepare::encode(&contexts(root)))?;
-        let units = snapshots.iter().map(|snapshot| {
-            let mut kept = TeacherResult::decode(&crew.result(key)?)?;
-            if let Some(trained) = &mut kept.trained {
-                trained.policy = snapshot.policy.clone();
-            }
-            let inputs = vec![contexts, crew.import(&kept.encode())?];
-            Ok(Unit { work: episodes(&experiment, root).into(), inputs })
-        });
-        let units = units.collect::<Result<Vec<Unit>, Failure>>()?;
+        let unit = |snapshot: usize| Unit {
+            work: episodes(&experiment, root, snapshot).into(),
+            inputs: vec![contexts, *key],
+        };
+        let units: Vec<Unit> = (0..snapshots.len()).map(unit).collect();
         for (snapshot, key) in snapshots.iter().zip(crew.complete("episodes", &units)?) {
             let table = RolloutTable::decode(&crew.result(&key)?)?;
-            let figures = figures(&table, &spec.prices(&Task::default()));
+            let figures = figures(&table, &spec.prices(&Task::default()))?;
             println!("{engine},{},{seed},{},{figures}", spec.robot, snapshot.steps);
         }
     }
@@ -90,31 +89,30 @@ fn contexts(root: &Seed) -> Vec<Context> {
     (0..EPISODES).map(|episode| Context { task: Task::default(), start: start(episode) }).collect()
 }
 
-fn episodes(experiment: &Experiment, root: &Seed) -> Evaluate {
+fn episodes(experiment: &Experiment, root: &Seed, snapshot: usize) -> Evaluate {
     let behavior = Behavior::Teacher {
         teacher: duplicate(&experiment.teacher),
         input: 1,
-        snapshot: None,
+        snapshot: Some(snapshot),
         acts: TeacherActs::Mean,
     };
-    Evaluate {
+    let play = Play {
         simulator: duplicate(&experiment.simulator),
         subjects: vec![Subject { name: "teacher".to_owned(), behavior }],
-        contexts: 1,
         horizon: Horizon { steps: 1000, discount: 1.0, stop_at_fall: true },
         seed: root.child("episodes"),
-    }
+    };
+    Evaluate { contexts: 1, play }
 }
 
 /// Mean and deviation of returns, mean length, share of falls.
-fn figures(table: &RolloutTable, prices: &[f64]) -> String {
-    let count = table.rollouts.len() as f64;
-    let returns: Vec<f64> = table.rollouts.iter().map(|r| price(&r.term_sums, prices)).collect();
-    let mean = returns.iter().sum::<f64>() / count;
-    let deviation = (returns.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
-    let length = table.rollouts.iter().map(|r| f64::from(r.length)).sum::<f64>() / count;
-    let falls = table.rollouts.iter().filter(|r| r.ending == Ending::Terminated).count() as f64 / count;
-    format!("{mean:.1},{deviation:.1},{length:.1},{falls:.2}")
+fn figures(table: &RolloutTable, prices: &[f64]) -> Result<String, StatisticsError> {
+    let of = |figure: &dyn Fn(&Rollout) -> f64| table.rollouts.iter().map(figure).collect::<Vec<f64>>();
+    let returns = of(&|rollout| price(&rollout.term_sums, prices));
+    let (mean_return, deviation) = (mean(&returns)?, sample_sd(&returns)?);
+    let length = mean(&of(&|rollout| f64::from(rollout.length)))?;
+    let falls = mean(&of(&|rollout| f64::from(u8::from(rollout.ending == Ending::Terminated))))?;
+    Ok(format!("{mean_return:.1},{deviation:.1},{length:.1},{falls:.2}"))
 }
 
 /// Tells on stderr how far the trainings are, each tenth of one.
