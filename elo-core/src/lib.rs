@@ -29,6 +29,7 @@ pub mod results;
 pub mod returns;
 pub mod rollout;
 pub mod run_dir;
+pub mod scene;
 pub mod seed;
 pub mod select;
 pub mod simulator;
