@@ -360,17 +360,8 @@ impl<'a> Run<'a> {
         contexts: &ContextSet,
         blocks: Range<usize>,
     ) -> Result<Vec<Vec<Rollout>>, RunError> {
-        let seed = self.seed.child("rollout").child(contexts.split.name());
         let unit = |group: &[Performer], block: usize| {
-            let mut inputs = vec![contexts.keys[block]];
-            let subjects = group.iter().map(|performer| performer.subject(&mut inputs)).collect();
-            let work = Evaluate {
-                simulator: duplicate(&self.experiment.simulator),
-                subjects,
-                contexts: 1,
-                horizon: self.experiment.discover.horizon(),
-                seed: seed.child("block").index(block as u64),
-            };
+            let (work, inputs) = self.rollouts(group, contexts, block);
             Unit { work: work.into(), inputs }
         };
         let units: Vec<Unit> =
@@ -386,6 +377,25 @@ impl<'a> Run<'a> {
             rollouts.extend((0..group.len()).map(whole));
         }
         Ok(rollouts)
+    }
+
+    /// The rollouts of some subjects in one block of contexts, and the units that they need.
+    pub(crate) fn rollouts(
+        &self,
+        group: &[Performer],
+        contexts: &ContextSet,
+        block: usize,
+    ) -> (Evaluate, Vec<Key>) {
+        let mut inputs = vec![contexts.keys[block]];
+        let seed = self.seed.child("rollout").child(contexts.split.name());
+        let rollouts = Evaluate {
+            simulator: duplicate(&self.experiment.simulator),
+            subjects: group.iter().map(|performer| performer.subject(&mut inputs)).collect(),
+            contexts: 1,
+            horizon: self.experiment.discover.horizon(),
+            seed: seed.child("block").index(block as u64),
+        };
+        (rollouts, inputs)
     }
 
     /// The option of a candidate.

@@ -24,6 +24,7 @@ pub mod option_set;
 pub mod performer;
 pub mod plugin;
 pub mod policy;
+pub mod replay;
 pub mod report;
 pub mod results;
 pub mod returns;

@@ -8,6 +8,7 @@
 pub mod codec;
 pub mod describe;
 pub mod evaluate;
+pub mod film;
 pub mod learn;
 mod play;
 pub mod prepare;
@@ -44,6 +45,8 @@ pub enum Work {
     Evaluate(evaluate::Evaluate),
     /// What is seen in some rollouts.
     Trace(trace::Trace),
+    /// What some rollouts look like.
+    Film(film::Film),
     /// Some scores.
     Score(score::Score),
     /// What a plugin is.
@@ -61,6 +64,7 @@ impl Work {
             Self::Prepare(_) => "prepare",
             Self::Evaluate(_) => "evaluate",
             Self::Trace(_) => "trace",
+            Self::Film(_) => "film",
             Self::Score(_) => "score",
             Self::Describe(_) => "describe",
         };
@@ -75,6 +79,7 @@ impl Work {
             Self::Prepare(work) => Some(work.simulator.as_ref()),
             Self::Evaluate(work) => Some(work.simulator.as_ref()),
             Self::Trace(work) => Some(work.simulator.as_ref()),
+            Self::Film(work) => Some(work.rollouts.simulator.as_ref()),
             Self::Learn(_) | Self::Score(_) | Self::Describe(_) => None,
         }
     }
@@ -87,6 +92,7 @@ impl Work {
             Self::Record(work) => vec![work.teacher.hosted()],
             Self::Evaluate(work) => work.subjects.iter().map(Subject::hosted).collect(),
             Self::Trace(work) => work.subjects.iter().map(Subject::hosted).collect(),
+            Self::Film(work) => work.rollouts.subjects.iter().map(Subject::hosted).collect(),
             Self::Score(work) => vec![work.metric.hosted()],
             Self::Describe(work) => vec![work.hosted()],
             Self::Prepare(_) | Self::Learn(_) => Vec::new(),
@@ -113,6 +119,7 @@ impl Work {
             Self::Prepare(work) => &work.seed,
             Self::Evaluate(work) => &work.seed,
             Self::Trace(work) => &work.seed,
+            Self::Film(work) => &work.rollouts.seed,
             Self::Score(work) => &work.seed,
             Self::Describe(_) => &Seed::root(0),
         };
@@ -136,6 +143,7 @@ impl Work {
             Self::Prepare(work) => work.perform(site, monitor),
             Self::Evaluate(work) => work.perform(inputs, site, monitor),
             Self::Trace(work) => work.perform(inputs, site, monitor),
+            Self::Film(work) => work.perform(inputs, site, monitor),
             Self::Score(work) => work.perform(inputs, monitor),
             Self::Describe(work) => work.perform(),
         }
@@ -144,13 +152,14 @@ impl Work {
 
 impl Work {
     /// What becomes of a unit whose worker could not be kept alive: rollouts are recorded as failed and counted by the
-    /// failure rule; other stages cannot go on.
+    /// failure rule, films are left out; other stages cannot go on.
     ///
     /// # Errors
     /// [`WorkError::Failed`] for the other stages.
     pub fn outcome_of_lost_worker(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
         match self {
             Self::Evaluate(work) => work.all_failed(inputs, reason),
+            Self::Film(_) => Ok(film::Filmed::nothing().encode()),
             Self::Train(_)
             | Self::Record(_)
             | Self::Learn(_)
