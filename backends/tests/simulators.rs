@@ -7,10 +7,17 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use elo_backends::locomotion::robot::NAMES;
+use elo_backends::locomotion::robot::{NAMES, built_in};
 use elo_core::conformance::simulator::{Case, Tolerance, run};
+use elo_core::context::{Context, PreparedStart};
+use elo_core::policy::Unwatched;
+use elo_core::rollout::Horizon;
+use elo_core::seed::Seed;
 use elo_core::simulator::{SimulatorConfig, Start};
 use elo_core::task::Task;
+use elo_core::units::evaluate::{self, Behavior, Evaluate};
+use elo_core::units::film::{Film, Filmed};
+use elo_core::units::{Site, Work, prepare};
 
 /// A simulator to be tried.
 struct Subject {
@@ -94,6 +101,35 @@ fn the_standard_pose_is_seen_as_roboschool_sees_it() {
         let mut terms = [0.0; 6];
         simulator.step(&vec![0.0; actuated], &mut observation, &mut terms).unwrap();
         assert!(terms[4] >= limits, "{robot}: {terms:?}: ankles and ffoot start outside");
+    }
+}
+
+#[test]
+fn films_show_every_geom_and_a_torso_that_moves() {
+    for Subject { config, .. } in subjects() {
+        let spec = config.spec().unwrap();
+        let robot = spec.robot.as_str();
+        let context = Context { task: Task::default(), start: PreparedStart::standard(4) };
+        let subject = evaluate::Subject { name: "random".to_owned(), behavior: Behavior::RandomTorque };
+        let horizon = Horizon { steps: 40, discount: 1.0, stop_at_fall: false };
+        let rollouts = Evaluate {
+            simulator: config,
+            subjects: vec![subject],
+            contexts: 1,
+            horizon,
+            seed: Seed::root(1),
+        };
+        let work = Work::from(Film { rollouts, first: 1 });
+        let bytes = work.perform(&[prepare::encode(&[context])], &mut Site::new(Vec::new()), &mut Unwatched);
+        let Filmed { scene, takes } = Filmed::decode(&bytes.unwrap()).unwrap();
+        let (scene, take) = (scene.unwrap(), &takes[0]);
+        let text = built_in(robot).unwrap().mjcf;
+        assert_eq!(scene.solids.len(), text.matches("<geom name=").count() - 1, "{robot}: all but the floor");
+        let torso = scene.bodies.iter().position(|body| body == "torso").unwrap();
+        assert_eq!(take.steps.len(), 41, "{robot}");
+        let places: Vec<f64> = take.steps.iter().map(|poses| poses[torso].position[0]).collect();
+        assert!(places.windows(2).all(|two| two[0] != two[1]), "{robot}: {places:?}");
+        assert_eq!(places[0], 0.0, "{robot}");
     }
 }
 

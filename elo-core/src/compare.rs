@@ -9,10 +9,10 @@ use crate::figures::{Row, Sample, Yardstick};
 use crate::metric::Reference;
 use crate::option_set::OptionSet;
 use crate::performer::Performer;
-use crate::report::statistics;
 use crate::returns::Scale;
 use crate::rollout::Rollout;
 use crate::simulator::Engine;
+use crate::statistics::StatisticsError;
 use crate::statistics::bootstrap::{Interval, paired_difference};
 use crate::units::learn;
 use crate::units::prepare::TaskSource;
@@ -69,7 +69,7 @@ pub fn compare(run: &Run<'_>, first: &[OptionSet], second: &[OptionSet]) -> Resu
     let mut pairs = Vec::new();
     for a in &first {
         for b in second.iter().filter(|b| !meet || same(a, b)) {
-            pairs.push(pair(run, (a, b), &contexts).map_err(statistics)?);
+            pairs.push(pair(run, (a, b), &contexts)?);
         }
     }
     Ok(RunComparison {
@@ -123,7 +123,7 @@ fn pair(
     run: &Run<'_>,
     (a, b): (&Members<'_>, &Members<'_>),
     contexts: &ContextSet,
-) -> Result<SetPair, crate::statistics::StatisticsError> {
+) -> Result<SetPair, StatisticsError> {
     let (scale, reference): (Scale, Reference) = (a.set.manifest.scale, a.set.manifest.reference);
     let plan = &run.experiment.report;
     let yardstick = Yardstick {

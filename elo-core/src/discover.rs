@@ -340,12 +340,9 @@ impl<'a> Run<'a> {
         contexts: &ContextSet,
         blocks: Range<usize>,
     ) -> Result<Vec<Vec<Rollout>>, RunError> {
-        let seed = self.seed.child("rollout").child(contexts.split.name());
         let unit = |group: &[Performer], block: usize| {
-            let mut inputs = vec![contexts.keys[block]];
-            let subjects = group.iter().map(|performer| performer.subject(&mut inputs)).collect();
-            let play = self.play(subjects, seed.child("block").index(block as u64));
-            Unit { work: Evaluate { contexts: 1, play }.into(), inputs }
+            let (work, inputs) = self.rollouts(group, contexts, block);
+            Unit { work: work.into(), inputs }
         };
         let units: Vec<Unit> =
             groups.iter().flat_map(|g| blocks.clone().map(|block| unit(g, block))).collect();
@@ -366,6 +363,20 @@ impl<'a> Run<'a> {
     pub fn play(&self, subjects: Vec<Subject>, seed: Seed) -> Play {
         let simulator = duplicate(&self.experiment.simulator);
         Play { simulator, subjects, horizon: self.experiment.discover.horizon(), seed }
+    }
+
+    /// The rollouts of some subjects in one block of contexts, and the units that they need.
+    pub(crate) fn rollouts(
+        &self,
+        group: &[Performer],
+        contexts: &ContextSet,
+        block: usize,
+    ) -> (Evaluate, Vec<Key>) {
+        let mut inputs = vec![contexts.keys[block]];
+        let subjects = group.iter().map(|performer| performer.subject(&mut inputs)).collect();
+        let seed = self.seed.child("rollout").child(contexts.split.name());
+        let play = self.play(subjects, seed.child("block").index(block as u64));
+        (Evaluate { contexts: 1, play }, inputs)
     }
 
     /// The option of a candidate.

@@ -9,7 +9,7 @@ use crate::discover::{ContextSet, Discovery, Run, value};
 use crate::figures::{Row, Yardstick};
 use crate::measured::unwrap_select;
 use crate::metric::Reference;
-use crate::report::{HeldOut, statistics};
+use crate::report::HeldOut;
 use crate::returns::{ReturnTable, Scale};
 use crate::rollout::Rollout;
 use crate::simulator::Engine;
@@ -143,7 +143,7 @@ struct Priced<'a> {
 
 impl Priced<'_> {
     fn row(&self, name: &str, members: &[&[Rollout]]) -> Result<Row, RunError> {
-        self.yardstick.row(&self.yardstick.sample(name, members, self.prices)).map_err(statistics)
+        Ok(self.yardstick.row(&self.yardstick.sample(name, members, self.prices))?)
     }
 
     fn set(&self, name: &str, ids: &[usize]) -> Result<Option<Row>, RunError> {

@@ -57,6 +57,9 @@ impl Ending {
 pub trait Witness {
     /// `action` was chosen at `observation`.
     fn step(&mut self, observation: &[f32], action: &[f32]);
+
+    /// `simulator` stands at the start, or where a step has just left it: once more than there are steps.
+    fn look(&mut self, _simulator: &dyn Simulator) {}
 }
 
 /// The witness that does not look.
@@ -120,6 +123,7 @@ fn run(
     let mut weight = 1.0;
 
     context.start.begin(simulator, &context.task, &mut observation)?;
+    witness.look(simulator);
     agent.begin(&observation, noise);
     for _ in 0..horizon.steps {
         agent.act(&observation, noise, &mut action);
@@ -135,6 +139,7 @@ fn run(
         }
         weight *= horizon.discount;
         so_far.length += 1;
+        witness.look(simulator);
         match end {
             End::Running => {}
             End::Terminated if horizon.stop_at_fall => {

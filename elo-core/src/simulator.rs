@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::Faults;
 use crate::hosted::Hosted;
+use crate::scene::Visible;
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
 
@@ -53,6 +54,11 @@ pub trait Simulator: Send {
     /// # Errors
     /// [`SimulatorError::Unsupported`] where the capabilities say so; an error before the first reset.
     fn state(&self) -> Result<State, SimulatorError>;
+
+    /// What can be seen of it, if it has bodies to be drawn.
+    fn visible(&self) -> Option<&dyn Visible> {
+        None
+    }
 }
 
 /// Where an episode begins.

@@ -81,7 +81,7 @@ pub fn toy_with(changes: &[(&str, &str)]) -> String {
 
 /// Has no worker programs.
 #[derive(Clone, Copy, Debug)]
-struct NoWorkers;
+pub struct NoWorkers;
 
 impl Hosts for NoWorkers {
     fn start(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {

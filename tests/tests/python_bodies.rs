@@ -15,6 +15,7 @@ use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
+use elo_core::units::film::{Film, Filmed};
 use elo_core::units::play::Play;
 use elo_core::units::trace::{self, Trace};
 use elo_core::units::{Work, prepare};
@@ -26,8 +27,14 @@ use serde_json::json;
 
 const STEPS: usize = 1000;
 
-/// Random torque for [`STEPS`] steps in every context: what is seen, and what the reward terms come to.
-fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> (Vec<trace::Seen>, RolloutTable) {
+/// Random torque for [`STEPS`] steps in every context.
+struct Played {
+    seen: Vec<trace::Seen>,
+    table: RolloutTable,
+    filmed: Filmed,
+}
+
+fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> Played {
     let slippery = Task::new([("floor_friction", 0.3), ("payload", 1.5)]);
     let context = |(seed, task)| Context { task, start: PreparedStart::standard(seed) };
     let contexts = [(1, Task::default()), (2, slippery), (3, Task::default())].map(context);
@@ -42,9 +49,12 @@ fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> (Vec<tra
         let job = serde_json::to_vec(&work).unwrap();
         worker.run(&job, &inputs, &mut Unwatched).unwrap()
     };
-    let seen = trace::decode(&done(Trace(play()).into())).unwrap();
-    let evaluate = Evaluate { contexts: 1, play: play() };
-    (seen, RolloutTable::decode(&done(evaluate.into())).unwrap())
+    let evaluate = || Evaluate { contexts: 1, play: play() };
+    Played {
+        seen: trace::decode(&done(Trace(play()).into())).unwrap(),
+        table: RolloutTable::decode(&done(evaluate().into())).unwrap(),
+        filmed: Filmed::decode(&done(Film { rollouts: evaluate(), first: 2 }.into())).unwrap(),
+    }
 }
 
 #[test]
@@ -64,10 +74,13 @@ fn mujoco_from_rust_and_from_python_is_bit_identical() {
         let own = RobotDescription { alive: AliveRule::default(), ..built_in(name).unwrap() };
         let here = played(&mut here, &json!({ "kind": "mujoco", "own_robot": own }));
         let there = played(&mut there, &json!({ "kind": "python_body", "own_robot": own }));
-        assert_eq!(here.1, there.1, "{name}");
-        assert!(here.1.rollouts.iter().all(|rollout| rollout.length as usize == STEPS), "{name}");
+        assert_eq!(here.table, there.table, "{name}");
+        assert!(here.table.rollouts.iter().all(|rollout| rollout.length as usize == STEPS), "{name}");
         let bits = |seen: &[trace::Seen]| seen.iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&here.0).len() % (3 * STEPS), 0, "{name}");
-        assert!(bits(&here.0) == bits(&there.0), "{name}: what was seen differs");
+        assert_eq!(bits(&here.seen).len() % (3 * STEPS), 0, "{name}");
+        assert!(bits(&here.seen) == bits(&there.seen), "{name}: what was seen differs");
+        assert!(here.filmed == there.filmed, "{name}: films differ");
+        let lengths: Vec<usize> = here.filmed.takes.iter().map(|take| take.steps.len()).collect();
+        assert!(here.filmed.scene.is_some() && lengths == [STEPS + 1; 2], "{name}: {lengths:?}");
     }
 }

@@ -1,5 +1,6 @@
 //! What a physics engine must do for a robot; everything above it (observation, reward, reset, ends) exists once.
 
+use elo_core::scene::Pose;
 use elo_core::simulator::SimulatorError;
 
 /// One articulated robot on a floor, in an engine.
@@ -65,20 +66,11 @@ impl Reading {
     /// A reading with room for these numbers of bodies and actuated joints.
     pub fn sized(bodies: usize, joints: usize) -> Self {
         Self {
-            bodies: vec![Pose::default(); bodies],
+            bodies: vec![Pose::IDENTITY; bodies],
             torso_velocity: [0.0; 3],
             joint_positions: vec![0.0; joints],
             joint_velocities: vec![0.0; joints],
             on_floor: vec![false; bodies],
         }
     }
-}
-
-/// A frame in the world.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pose {
-    /// Its origin, m.
-    pub position: [f64; 3],
-    /// Its orientation as a unit quaternion, w first.
-    pub rotation: [f64; 4],
 }

@@ -257,7 +257,7 @@ fn a_free_body_turns_about_its_centre_of_mass(build: &Build<'_>) -> Result<(), S
 fn angular_momentum(rig: &Rig) -> [f64; 3] {
     let (_, velocities) = rig.coordinates();
     let own = [0.2 * velocities[3], 0.3 * velocities[4], 0.15 * velocities[5]];
-    let frame = super::body::Pose { position: [0.0; 3], ..rig.reading().bodies[0] };
+    let frame = elo_core::scene::Pose { position: [0.0; 3], ..rig.reading().bodies[0] };
     in_world(&frame, own)
 }
 

@@ -21,5 +21,6 @@ pub mod prescan;
 mod read;
 pub mod reward;
 pub mod robot;
+mod scene;
 pub mod simulator;
 mod vocabulary;

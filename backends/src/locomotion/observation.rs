@@ -5,7 +5,9 @@
 //! across its range from -1 to 1, and 0.1 times its velocity (rad/s). Then one number a foot: 1 if it touched the floor
 //! one control step ago, else 0. Everything is clipped to ±5.
 
-use super::body::{Pose, Reading};
+use elo_core::scene::Pose;
+
+use super::body::Reading;
 use super::model::{ActuatedJoint, RobotModel};
 use super::reward::TARGET;
 

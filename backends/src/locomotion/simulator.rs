@@ -1,5 +1,6 @@
 //! A robot with legs on a floor, in any engine: reset, observation, reward terms and ends.
 
+use elo_core::scene::{Pose, Scene, Visible};
 use elo_core::seed::Seed;
 use elo_core::simulator::{End, Simulator, SimulatorError, Start, State, check_action, check_length};
 use elo_core::spec::SimulatorSpec;
@@ -10,6 +11,7 @@ use super::body::{ArticulatedBody, Dynamics, Reading};
 use super::model::RobotModel;
 use super::observation::{Remembered, Stance, normalised, observe};
 use super::reward;
+use super::scene;
 
 /// The simulator of `model`'s robot in the engine `B`.
 ///
@@ -260,12 +262,28 @@ impl<B: ArticulatedBody> Simulator for Locomotion<B> {
         let memory = std::iter::once(self.memory.height).chain(flags).collect();
         Ok(State { positions, velocities, memory, elapsed: self.elapsed })
     }
+
+    fn visible(&self) -> Option<&dyn Visible> {
+        Some(self)
+    }
+}
+
+impl<B: ArticulatedBody> Visible for Locomotion<B> {
+    fn scene(&self) -> Scene {
+        scene::of(&self.model)
+    }
+
+    fn poses(&self) -> Result<Vec<Pose>, SimulatorError> {
+        if self.phase == Phase::Nowhere {
+            return Err(SimulatorError::NoEpisode);
+        }
+        Ok(scene::poses(&self.model, &self.reading))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use super::super::body::Pose;
     use super::super::robot::built_in;
     use super::*;
 

@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
+use elo_core::scene::Pose;
 use elo_core::simulator::{BuildError, SimulatorError};
 use mujoco_rs::mujoco_c::{mjtIntegrator, mjtWarning};
 use mujoco_rs::prelude::{MjData, MjModel};
 use mujoco_rs::wrappers::mj_model::{MjtGeomBase, MjtObjBase};
 
 use super::library;
-use crate::locomotion::body::{ArticulatedBody, Dynamics, Pose, Reading};
+use crate::locomotion::body::{ArticulatedBody, Dynamics, Reading};
 use crate::locomotion::model::RobotModel;
 
 /// A robot in MuJoCo.

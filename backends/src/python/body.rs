@@ -1,5 +1,6 @@
 //! A robot's bodies in an engine in Python; observation, reward and ends are those of every engine.
 
+use elo_core::scene::Pose;
 use elo_core::simulator::{BuildError, SimulatorError};
 use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
@@ -7,7 +8,7 @@ use pyo3::prelude::*;
 use super::PythonBodyConfig;
 use super::interpreter::{array, bridge, refused, told};
 use super::watchdog::Call;
-use crate::locomotion::body::{ArticulatedBody, Dynamics, Pose, Reading};
+use crate::locomotion::body::{ArticulatedBody, Dynamics, Reading};
 use crate::locomotion::model::RobotModel;
 
 /// See the [module](self).

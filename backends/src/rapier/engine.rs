@@ -5,6 +5,7 @@ use mjcf_rs::glam::DVec3;
 use rapier3d_f64::dynamics::IntegrationParameters;
 use rapier3d_f64::pipeline::PhysicsPipeline;
 
+use elo_core::scene::Pose as BodyPose;
 use elo_core::simulator::{SimulatorError, check_length};
 
 use super::builder::World;
@@ -12,7 +13,7 @@ use super::settings::{self, Division};
 use super::shape::Form;
 use super::skeleton::Skeleton;
 use super::{coordinates, motors};
-use crate::locomotion::body::{ArticulatedBody, Dynamics, Pose as BodyPose, Reading};
+use crate::locomotion::body::{ArticulatedBody, Dynamics, Reading};
 use crate::locomotion::model::RobotModel;
 
 /// A gap below which a geom counts as touching the floor, m.

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::Faults;
+use crate::scene::{Pose, Scene, Shape, Solid, Visible};
 use crate::seed::Seed;
 use crate::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State, check_action,
@@ -177,6 +178,23 @@ impl Simulator for PointMass {
     fn state(&self) -> Result<State, SimulatorError> {
         if self.state.positions.is_empty() { Err(SimulatorError::NoEpisode) } else { Ok(self.state.clone()) }
     }
+
+    fn visible(&self) -> Option<&dyn Visible> {
+        Some(self)
+    }
+}
+
+/// A ball on the x axis.
+impl Visible for PointMass {
+    fn scene(&self) -> Scene {
+        let solid = Solid { body: 0, pose: Pose::IDENTITY, shape: Shape::Sphere { radius: 0.05 } };
+        Scene { bodies: vec!["mass".to_owned()], solids: vec![solid], floor: false }
+    }
+
+    fn poses(&self) -> Result<Vec<Pose>, SimulatorError> {
+        let x = *self.state.positions.first().ok_or(SimulatorError::NoEpisode)?;
+        Ok(vec![Pose { position: [x, 0.0, 0.0], ..Pose::IDENTITY }])
+    }
 }
 
 /// The same world without settable states, for what must also work there.
@@ -212,5 +230,9 @@ impl Simulator for ReplayOnly {
 
     fn state(&self) -> Result<State, SimulatorError> {
         Err(SimulatorError::Unsupported("reading a state"))
+    }
+
+    fn visible(&self) -> Option<&dyn Visible> {
+        self.0.visible()
     }
 }

@@ -125,7 +125,7 @@ impl Evaluate {
 }
 
 impl Evaluate {
-    fn read_contexts(&self, inputs: &[Vec<u8>]) -> Result<Vec<Context>, WorkError> {
+    pub(super) fn read_contexts(&self, inputs: &[Vec<u8>]) -> Result<Vec<Context>, WorkError> {
         let mut contexts = Vec::new();
         for index in 0..self.contexts {
             contexts.extend(prepare::decode(input(inputs, index)?)?);

@@ -8,6 +8,7 @@
 pub mod codec;
 pub mod describe;
 pub mod evaluate;
+pub mod film;
 pub mod learn;
 pub mod play;
 pub mod prepare;
@@ -27,6 +28,7 @@ use crate::seed::Seed;
 use crate::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
 use codec::Malformed;
 use evaluate::{Evaluate, Subject};
+use film::Film;
 use trace::Trace;
 
 /// A unit's description; its variants are the stages.
@@ -45,6 +47,8 @@ pub enum Work {
     Evaluate(Evaluate),
     /// What is seen in some rollouts.
     Trace(Trace),
+    /// What some rollouts look like.
+    Film(Film),
     /// Some scores.
     Score(score::Score),
     /// What a plugin is.
@@ -62,6 +66,7 @@ impl Work {
             Self::Prepare(_) => "prepare",
             Self::Evaluate(_) => "evaluate",
             Self::Trace(_) => "trace",
+            Self::Film(_) => "film",
             Self::Score(_) => "score",
             Self::Describe(_) => "describe",
         };
@@ -74,7 +79,9 @@ impl Work {
             Self::Train(work) => Some(work.simulator.as_ref()),
             Self::Record(work) => Some(work.simulator.as_ref()),
             Self::Prepare(work) => Some(work.simulator.as_ref()),
-            Self::Evaluate(Evaluate { play, .. }) | Self::Trace(Trace(play)) => Some(play.simulator.as_ref()),
+            Self::Evaluate(Evaluate { play, .. })
+            | Self::Trace(Trace(play))
+            | Self::Film(Film { rollouts: Evaluate { play, .. }, .. }) => Some(play.simulator.as_ref()),
             Self::Learn(_) | Self::Score(_) | Self::Describe(_) => None,
         }
     }
@@ -85,7 +92,9 @@ impl Work {
         let other = match self {
             Self::Train(work) => vec![work.teacher.hosted()],
             Self::Record(work) => vec![work.teacher.hosted()],
-            Self::Evaluate(Evaluate { play, .. }) | Self::Trace(Trace(play)) => {
+            Self::Evaluate(Evaluate { play, .. })
+            | Self::Trace(Trace(play))
+            | Self::Film(Film { rollouts: Evaluate { play, .. }, .. }) => {
                 play.subjects.iter().map(Subject::hosted).collect()
             }
             Self::Score(work) => vec![work.metric.hosted()],
@@ -110,7 +119,9 @@ impl Work {
             Self::Record(work) => &work.seed,
             Self::Learn(work) => &work.seed,
             Self::Prepare(work) => &work.seed,
-            Self::Evaluate(Evaluate { play, .. }) | Self::Trace(Trace(play)) => &play.seed,
+            Self::Evaluate(Evaluate { play, .. })
+            | Self::Trace(Trace(play))
+            | Self::Film(Film { rollouts: Evaluate { play, .. }, .. }) => &play.seed,
             Self::Score(work) => &work.seed,
             Self::Describe(_) => &Seed::root(0),
         };
@@ -134,6 +145,7 @@ impl Work {
             Self::Prepare(work) => work.perform(site, monitor),
             Self::Evaluate(work) => work.perform(inputs, site, monitor),
             Self::Trace(work) => work.perform(inputs, site, monitor),
+            Self::Film(work) => work.perform(inputs, site, monitor),
             Self::Score(work) => work.perform(inputs, monitor),
             Self::Describe(work) => work.perform(),
         }
@@ -142,13 +154,14 @@ impl Work {
 
 impl Work {
     /// What becomes of a unit whose worker could not be kept alive: rollouts are recorded as failed and counted by the
-    /// failure rule; other stages cannot go on.
+    /// failure rule, films are left out; other stages cannot go on.
     ///
     /// # Errors
     /// [`WorkError::Failed`] for the other stages.
     pub fn outcome_of_lost_worker(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
         match self {
             Self::Evaluate(work) => work.all_failed(inputs, reason),
+            Self::Film(_) => Ok(film::Filmed::nothing().encode()),
             Self::Train(_)
             | Self::Record(_)
             | Self::Learn(_)

@@ -9,6 +9,7 @@ use super::{CHECKS, Case};
 use crate::conformance::liars::{Lie, allocations, demand_that_liars_are_caught};
 use crate::conformance::point_mass::PointMassConfig;
 use crate::fault::Faults;
+use crate::scene::{Pose, Scene, Visible};
 use crate::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State, check_action,
     check_length,
@@ -94,6 +95,7 @@ struct Memory {
     ended: bool,
     wind: f64,
     elapsed: u64,
+    first_poses: Vec<Pose>,
 }
 
 impl Liar {
@@ -205,6 +207,7 @@ impl Simulator for Liar {
             ended: false,
             wind: if seed.is_some() { 0.5 } else { self.memory.wind },
             elapsed: if let Start::State(state) = &start { state.elapsed } else { 0 },
+            first_poses: self.inner.visible().map_or(Ok(Vec::new()), Visible::poses)?,
             ..std::mem::take(&mut self.memory)
         };
         self.reads = AtomicU32::new(0);
@@ -259,6 +262,23 @@ impl Simulator for Liar {
         self.reads.fetch_add(1, Ordering::Relaxed);
         let state = self.inner.state();
         if self.is("states_need_a_reset") { Ok(state.unwrap_or_default()) } else { state }
+    }
+
+    fn visible(&self) -> Option<&dyn Visible> {
+        Some(self)
+    }
+}
+
+impl Visible for Liar {
+    fn scene(&self) -> Scene {
+        self.inner.visible().expect("a point mass can be seen").scene()
+    }
+
+    fn poses(&self) -> Result<Vec<Pose>, SimulatorError> {
+        let poses = self.inner.visible().expect("a point mass can be seen").poses()?;
+        // Every other step it is still where it was reset.
+        let late = self.is("scene_follows_the_state") && self.memory.elapsed % 2 == 1;
+        Ok(if late { self.memory.first_poses.clone() } else { poses })
     }
 }
 
@@ -348,7 +368,11 @@ const LIES: &[(&str, &[&str])] = &[
     ("dynamics_parameters_change_something", &[]),
     ("defaults_are_those_of_the_spec", &[]),
     ("actions_are_clamped", &[]),
-    ("every_action_component_matters", &["steps_allocate_nothing", "dynamics_parameters_change_something"]),
+    (
+        "every_action_component_matters",
+        &["steps_allocate_nothing", "dynamics_parameters_change_something", "scene_follows_the_state"],
+    ),
+    ("scene_follows_the_state", &[]),
 ];
 
 #[test]

@@ -1,7 +1,8 @@
 //! The suite of every [`Simulator`] and its [`SimulatorConfig`].
 //!
 //! What the checks rely on is only what the spec says: sizes, bounds, terms, task parameters, capabilities. A simulator
-//! whose state cannot be set skips the checks of restoring; one whose random episodes never end skips those of ends.
+//! whose state cannot be set skips the checks of restoring; one whose random episodes never end skips those of ends; one
+//! that cannot be seen skips that of its scene.
 
 mod action;
 mod describe;
@@ -12,6 +13,7 @@ mod number;
 mod refuse;
 mod replay;
 mod restore;
+mod scene;
 mod task;
 mod trace;
 
@@ -67,6 +69,7 @@ pub const CHECKS: &[Check<Case>] = &[
     task::DEFAULTS_ARE_THOSE_OF_THE_SPEC,
     action::ACTIONS_ARE_CLAMPED,
     action::EVERY_ACTION_COMPONENT_MATTERS,
+    scene::SCENE_FOLLOWS_THE_STATE,
 ];
 
 /// Tries every rule on `case`.

@@ -143,7 +143,7 @@ pub(super) const TIME_ALONE_IS_NO_FALL: Check<Case> = Check {
 };
 
 /// Steps of a trace from which to resume: the first, the last and about eight between.
-fn points(trace: &Trace) -> impl Iterator<Item = usize> + use<> {
+pub(super) fn points(trace: &Trace) -> impl Iterator<Item = usize> + use<> {
     let length = trace.moments.len();
     (0..length).step_by((length / 8).max(1)).chain(length.checked_sub(1))
 }
