@@ -57,8 +57,9 @@ pub struct PpoConfig {
     /// Reward for entropy of the action distribution, in units of the policy's loss per nat.
     #[schemars(range(min = 0.0))]
     pub entropy_coefficient: f64,
-    /// Weight of the critic's loss (half the mean squared error) beside the policy's. The networks are separate, so it
-    /// acts only through the common limit `max_grad_norm`.
+    /// Weight of the critic's loss (half the mean squared error) beside the policy's; where the loss is the whole mean
+    /// squared error, half this number is the same. The networks are separate, so it acts only through the common limit
+    /// `max_grad_norm` and through Adam's `ε`, beside which the critic's gradient is small once it has been limited.
     #[schemars(range(min = 0.0))]
     pub value_coefficient: f64,
     /// Gradients longer than this are scaled down to it; must be positive.
