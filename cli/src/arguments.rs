@@ -51,6 +51,8 @@ pub enum Command {
     Experiments(Experiments),
     /// Run the paper's experiments and print each figure beside the paper's, or take up an interrupted reproduction.
     Reproduce(Reproduce),
+    /// Write finished runs as one page: figures, plots and a replay in three dimensions. It opens without a network.
+    Report(Report),
     /// Tell which engines were found, and what to run for those that are missing.
     Doctor,
 }
@@ -197,6 +199,27 @@ pub enum Scale {
     Quick,
     /// 10 teachers of 2 million steps, 600 candidates, 300 contexts.
     Paper,
+}
+
+/// Arguments of `elo report`.
+#[derive(Debug, Args)]
+pub struct Report {
+    /// Run directories that `elo discover` finished.
+    #[arg(value_name = "RUN", required = true)]
+    pub runs: Vec<PathBuf>,
+    /// The page. Its plots are also written as files, into the folder beside it whose name ends in -plots.
+    #[arg(long, default_value = "report.html")]
+    pub out: PathBuf,
+    /// Another simulator, for a replay of two engines side by side: a kind, e.g. mujoco, or a TOML file with a [simulator]
+    /// table.
+    #[arg(long, value_name = "KIND|FILE")]
+    pub simulator: Option<String>,
+    /// Held-out contexts whose rollouts the replay shows; 0 for none.
+    #[arg(long, default_value_t = 3)]
+    pub replays: usize,
+    /// Units of work under way at once [default: one a processor].
+    #[arg(long)]
+    pub workers: Option<usize>,
 }
 
 /// What to do with a config.

@@ -9,8 +9,9 @@ use elo_core::experiments::{Bound, Experiments};
 use elo_core::figures::Tail;
 use elo_core::returns::SetValue;
 
+use crate::format::interval;
 use crate::paper::Beside;
-use crate::table::{heading, interval, line};
+use crate::table::{heading, line};
 
 /// Everything that the experiments found.
 pub fn experiments(found: &Experiments, confidence: f64) -> String {

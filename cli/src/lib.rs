@@ -10,13 +10,16 @@
 
 mod arguments;
 mod commands;
+mod engines;
 pub mod exit;
 mod experiments_table;
+mod format;
 pub mod hosts;
 mod interrupt;
 pub mod load;
 mod open;
 mod output;
+mod page;
 mod paper;
 mod progress;
 mod table;
@@ -47,6 +50,7 @@ pub fn main_with(plugins: &[&[Plugin]]) -> ExitCode {
         Command::Compare(arguments) => commands::compare::run(&arguments, plugins),
         Command::Experiments(arguments) => commands::experiments::run(&arguments, plugins),
         Command::Reproduce(arguments) => commands::reproduce::run(&arguments, plugins),
+        Command::Report(arguments) => commands::report::run(&arguments, plugins),
         Command::Plugins => commands::plugins::run(plugins),
         Command::Example { kind } => commands::example::run(&kind, plugins),
         Command::Config { action } => commands::config::run(&action, plugins),

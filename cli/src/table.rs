@@ -10,6 +10,8 @@ use elo_core::report::Report;
 use elo_core::reprice::Repriced;
 use elo_core::statistics::bootstrap::Interval;
 
+use crate::format::{COLUMNS, RETURN_DIGITS, SCORE_DIGITS, SHARE_DIGITS, interval, percent};
+
 /// The table that `elo discover` ends with.
 pub fn report(report: &Report, confidence: f64) -> String {
     let mut text = String::new();
@@ -41,7 +43,7 @@ pub fn report(report: &Report, confidence: f64) -> String {
             text,
             "\n{}: score {} (on the selecting contexts {:.3})",
             set.metric,
-            interval(&set.score, 3),
+            interval(&set.score, SCORE_DIGITS),
             set.selection_score
         );
         heading(&mut text);
@@ -97,8 +99,9 @@ pub fn crosscheck(found: &Crosscheck) -> String {
             if engine.same_starts { "" } else { "; its starts are its own: it cannot be put into states" }
         );
     }
-    let correlation =
-        |found: &Option<Interval>| found.map_or("not defined".to_owned(), |found| interval(&found, 2));
+    let correlation = |found: &Option<Interval>| {
+        found.map_or("not defined".to_owned(), |found| interval(&found, SHARE_DIGITS))
+    };
     for pair in pairs {
         let (first, second) = (&engines[pair.first].engine.name, &engines[pair.second].engine.name);
         let differ = pair.differences.iter().filter(|d| d.sign_test < 0.05 / candidates.len() as f64);
@@ -130,40 +133,30 @@ pub fn crosscheck(found: &Crosscheck) -> String {
 }
 
 pub fn heading(text: &mut String) {
-    let _ = writeln!(
-        text,
-        "{:<34} {:>24} {:>22} {:>22} {:>20} {:>20} {:>6} {:>6}",
-        "", "return", "mean", "IQM", "lower tail", "upper tail", "falls", "steps"
-    );
+    let _ = write!(text, "{:<34}", "");
+    for column in &COLUMNS {
+        let _ = write!(text, " {:>width$}", column.heading, width = column.width);
+    }
+    let _ = writeln!(text, " {:>6} {:>6}", "falls", "steps");
 }
 
 pub fn line(text: &mut String, name: &str, row: &Row) {
-    let _ = writeln!(
-        text,
-        "{name:<34} {:>24} {:>22} {:>22} {:>20} {:>20} {:>4.0} % {:>6.0}",
-        interval(&row.mean_return, 1),
-        interval(&row.mean, 3),
-        interval(&row.iqm, 3),
-        interval(&row.lower_tail, 2),
-        interval(&row.upper_tail, 2),
-        row.falls.estimate * 100.0,
-        row.mean_length
-    );
+    let _ = write!(text, "{name:<34}");
+    for column in &COLUMNS {
+        let figure = interval((column.of)(row), column.digits);
+        let _ = write!(text, " {figure:>width$}", width = column.width);
+    }
+    let _ = writeln!(text, " {:>4} % {:>6.0}", percent(row.falls.estimate, 0), row.mean_length);
     if row.failures > 0.0 {
-        let _ = writeln!(text, "{:<34} {:.1} % of these rollouts failed", "", row.failures * 100.0);
+        let _ = writeln!(text, "{:<34} {} % of these rollouts failed", "", percent(row.failures, 1));
     }
 }
 
 fn comparisons(text: &mut String, against: &[Comparison]) {
     for comparison in against {
         let name = format!("set minus {}", comparison.baseline);
-        let _ = writeln!(text, "{name:<34} {:>24}", interval(&comparison.difference, 1));
+        let _ = writeln!(text, "{name:<34} {:>24}", interval(&comparison.difference, RETURN_DIGITS));
     }
-}
-
-pub fn interval(interval: &Interval, digits: usize) -> String {
-    let Interval { estimate, low, high } = interval;
-    format!("{estimate:.digits$} [{low:.digits$}, {high:.digits$}]")
 }
 
 /// The table that `elo reprice` ends with.

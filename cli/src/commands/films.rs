@@ -1,0 +1,85 @@
+//! The films of a page's replay: chosen options and random torque in the first held-out contexts.
+
+use std::path::Path;
+
+use elo_core::context::Split;
+use elo_core::crew::{Crew, RunError};
+use elo_core::discover::{Run, discover, duplicate};
+use elo_core::experiment::Experiment;
+use elo_core::fingerprint::fingerprint;
+use elo_core::performer::{Performer, PerformerRole};
+use elo_core::plugin::Plugin;
+use elo_core::replay::{Replay, replay};
+use elo_core::units::evaluate::Behavior;
+use elo_core::units::prepare::TaskSource;
+
+use crate::arguments::Report;
+use crate::engines::{hosts, others};
+use crate::exit::Exit;
+use crate::load;
+use crate::open::{ready_to_run, staff, with_crew};
+use crate::output::print_error;
+
+/// One replay an engine. None where nothing can be filmed without doing the run again, which is said on stderr.
+pub fn films(arguments: &Report, folder: &Path, plugins: &[&[Plugin]]) -> Result<Vec<Replay>, Exit> {
+    if arguments.replays == 0 {
+        return Ok(Vec::new());
+    }
+    let experiment = load::of_run(folder, plugins)?;
+    let simulators: Vec<String> = arguments.simulator.iter().cloned().collect();
+    let others = others(folder, &experiment, &simulators, plugins)?;
+    if let Some(why) = unfilmable(&experiment, folder) {
+        print_error(&format!("{}: no replay, because {why}", folder.display()));
+        return Ok(Vec::new());
+    }
+    let staff = staff(arguments.workers, plugins)?;
+    with_crew(folder, hosts(&experiment, &others), staff, |crew| {
+        let experiments = std::iter::once(&experiment).chain(&others);
+        Ok(filmed(&experiment, experiments, arguments.replays, crew)?)
+    })
+}
+
+/// Why a run's rollouts cannot be filmed.
+fn unfilmable(experiment: &Experiment, folder: &Path) -> Option<String> {
+    let provenance = std::fs::read_to_string(folder.join("provenance.json")).unwrap_or_default();
+    let made_by = serde_json::from_str::<serde_json::Value>(&provenance).unwrap_or_default();
+    let program = made_by["program"].as_str().unwrap_or("an unknown program").to_owned();
+    if program != fingerprint() {
+        return Some(format!("{program} made it: this program would have to do the whole run again"));
+    }
+    ready_to_run(experiment).err().map(|error| error.to_string())
+}
+
+fn filmed<'a>(
+    own: &Experiment,
+    experiments: impl Iterator<Item = &'a Experiment>,
+    count: usize,
+    crew: &Crew<'_>,
+) -> Result<Vec<Replay>, RunError> {
+    let discovery = discover(own, crew)?;
+    let run = Run::new(own, crew)?;
+    let tasks = TaskSource::Distribution(own.tasks.clone());
+    let contexts = run.prepare_contexts(Split::Report, own.report.contexts, &tasks)?;
+    let mut chosen: Vec<usize> =
+        discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
+    chosen.sort_unstable();
+    chosen.dedup();
+    let mut performers: Vec<Performer> =
+        chosen.iter().map(|id| Performer::candidate(&discovery.candidates[*id])).collect();
+    let role = PerformerRole::Plain(|| Behavior::RandomTorque);
+    performers.push(Performer { name: "random torque".to_owned(), role });
+
+    let mut replays = Vec::new();
+    for experiment in experiments {
+        let experiment = Experiment { simulator: duplicate(&experiment.simulator), ..duplicate(own) };
+        let there = Run::new(&experiment, crew)?;
+        // An engine that cannot be put into states reaches starts of its own by the same seeds.
+        let starts = if there.spec.capabilities.settable_state {
+            contexts.clone()
+        } else {
+            there.prepare_contexts(Split::Report, own.report.contexts, &tasks)?
+        };
+        replays.extend(replay(&there, &performers, &starts, count)?);
+    }
+    Ok(replays)
+}

@@ -1,0 +1,120 @@
+//! What a page is made of.
+
+use elo_core::crosscheck::Crosscheck;
+use elo_core::experiments::{AgentReturns, Experiments};
+use elo_core::replay::Replay;
+use elo_core::report::Report;
+use elo_core::returns::FailurePolicy;
+
+/// One page: one run or several.
+#[derive(Clone, Debug)]
+pub struct PageData {
+    /// The runs, in the order of the page.
+    pub runs: Vec<RunData>,
+}
+
+/// One finished run.
+#[derive(Clone, Debug)]
+pub struct RunData {
+    /// What the page calls it; no two runs of a page have the same name.
+    pub name: String,
+    /// Its folder, as commands that the page suggests name it.
+    pub folder: String,
+    /// `results/report.json`.
+    pub report: Report,
+    /// What of the config the page speaks of.
+    pub plan: Plan,
+    /// `experiment.toml`.
+    pub config: String,
+    /// `provenance.json`.
+    pub provenance: serde_json::Value,
+    /// `results/candidates.csv`.
+    pub candidates: Vec<CandidateRow>,
+    /// `results/failures.csv`.
+    pub failures: Vec<FailureRow>,
+    /// `results/experiments.json`, if there is one.
+    pub experiments: Option<Experiments>,
+    /// `results/crosscheck.json`, if there is one.
+    pub crosscheck: Option<Crosscheck>,
+    /// Films, engine by engine.
+    pub replays: Vec<Replay>,
+}
+
+/// The fields of a config that the page speaks of.
+#[derive(Clone, Debug, serde::Deserialize)]
+pub struct Plan {
+    /// `[teacher]`.
+    pub teacher: Teacher,
+    /// `[report]`.
+    pub report: ReportFields,
+    /// `[failures]`.
+    pub failures: Failures,
+}
+
+/// See [`Plan`].
+#[derive(Clone, Debug, serde::Deserialize)]
+pub struct Teacher {
+    /// The kind of teacher.
+    pub kind: String,
+}
+
+/// See [`Plan`].
+#[derive(Clone, Debug, serde::Deserialize)]
+pub struct ReportFields {
+    /// Coverage of the intervals.
+    pub confidence: f64,
+    /// `α` of the lower tail.
+    pub alpha: f64,
+}
+
+/// See [`Plan`].
+#[derive(Clone, Debug, serde::Deserialize)]
+pub struct Failures {
+    /// What a failed rollout counts as.
+    pub policy: FailurePolicy,
+    /// The greatest share of failed rollouts.
+    pub max_share: f64,
+}
+
+/// A line of `candidates.csv`.
+#[derive(Clone, Debug)]
+pub struct CandidateRow {
+    /// Its number.
+    pub number: usize,
+    /// Its score by each metric, in the order of the report's sets; `None` where it cannot be chosen.
+    pub scores: Vec<Option<f64>>,
+}
+
+/// A line of `failures.csv`.
+#[derive(Clone, Debug, serde::Deserialize)]
+pub struct FailureRow {
+    /// Which rollouts: `select`, `report_options` or `report_baselines`.
+    pub table: String,
+    /// The row in them.
+    pub row: usize,
+    /// The context.
+    pub context: usize,
+    /// Why.
+    pub reason: String,
+}
+
+impl RunData {
+    /// The agent of that name in the experiments.
+    pub fn agent(&self, name: &str) -> Option<&AgentReturns> {
+        self.experiments.as_ref()?.agents.iter().find(|agent| agent.row.name == name)
+    }
+
+    /// The held-out returns of the set's option at `position`, out of those of the set's agent.
+    pub fn option_returns(&self, metric: &str, position: usize) -> Option<Vec<f64>> {
+        let set = self.report.sets.iter().find(|set| set.metric == metric)?;
+        let (returns, members) = (&self.agent(metric)?.returns, set.options.len());
+        let whole = returns.len() == members * self.report.starts.contexts && position < members;
+        whole.then(|| returns.iter().skip(position).step_by(members).copied().collect())
+    }
+
+    /// How the page calls its teacher.
+    pub fn teacher_name(&self) -> String {
+        let kind = &self.plan.teacher.kind;
+        if kind == "ppo" { "PPO".to_owned() } else { format!("the teacher ({kind})") }
+    }
+}
