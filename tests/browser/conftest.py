@@ -36,8 +36,8 @@ def run_folder(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     """A small run in Rapier, which then is given experiments and films."""
     folder = tmp_path_factory.mktemp("runs") / "half-cheetah"
     small = {
-        "teacher.steps": 4096, "discover.teachers": 1, "discover.candidates": 12, "discover.contexts": 10,
-        "discover.steps": 60, "report.contexts": 12, "report.random_subsets": 2,
+        "teacher.steps": 16384, "discover.teachers": 1, "discover.candidates": 12, "discover.contexts": 10,
+        "discover.steps": 40, "discover.max_retakes": 200, "report.contexts": 12, "report.random_subsets": 2,
     }  # fmt: skip
     changes = [f"--set={field}={value}" for field, value in small.items()]
     config = REPOSITORY / "examples" / "half-cheetah-quick.toml"

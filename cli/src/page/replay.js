@@ -1,10 +1,12 @@
 // Plays films of robots: one view an engine, all with the same clock and the same camera.
-// Poses come as 14 bytes a body and step: a place in 16-bit parts of its range, a quaternion in parts of 32767.
+// Lengths are metres, angles of view degrees. Poses come as 14 bytes a body and step: a place in 16-bit parts of its
+// range, a quaternion in parts of 32767.
 
 const BYTES = 14;
 const CELL = 0.5;
 const STRONG = 10;
 const HALF_FLOOR = 20;
+const FIELD = 38;
 
 /** Makes modules of the scripts that the page carries as text. Nothing is fetched. */
 function library() {
@@ -199,7 +201,7 @@ class Player {
     this.views = this.engines.map((engine) => new View(THREE, engine));
     this.step = this.engines[0].control_step;
     // The orbit is around the origin; each view puts its own robot there.
-    this.orbit = new THREE.PerspectiveCamera(38, 1, 0.05, 60);
+    this.orbit = new THREE.PerspectiveCamera(FIELD, 1, 0.05, 60);
     this.orbit.up.set(0, 0, 1);
     this.camera = this.orbit.clone();
     this.controls = new OrbitControls(this.orbit, this.canvas);
@@ -263,7 +265,7 @@ class Player {
     let before = performance.now();
     const tick = (now) => {
       if (!this.playing) return;
-      this.time += (((now - before) / 1000) * Number(this.part.speed.value)) / this.step;
+      this.time += ((Math.max(0, now - before) / 1000) * Number(this.part.speed.value)) / this.step;
       before = now;
       if (this.time >= this.last) {
         this.time = this.last;
@@ -331,6 +333,9 @@ class Player {
       view.follow(target);
       this.camera.copy(this.orbit);
       this.camera.aspect = part / height;
+      // A view that is higher than wide shows as much from side to side as a square one.
+      const half = Math.tan((FIELD / 2) * (Math.PI / 180)) / Math.min(1, this.camera.aspect);
+      this.camera.fov = 2 * Math.atan(half) * (180 / Math.PI);
       this.camera.position.add(target);
       this.camera.updateProjectionMatrix();
       this.renderer.setViewport(index * part, 0, part, height);

@@ -1,0 +1,88 @@
+//! `elo report` from outside: its page, and what it says to bad input.
+
+#![cfg(unix)]
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::path::Path;
+use std::sync::OnceLock;
+
+use elo_tests::folders::names;
+use elo_tests::programs::{Ran, discover, elo, run, write};
+use elo_tests::toy::TOY;
+
+/// A folder with a finished run in `run`, an unfinished one in `begun`, one of a later program in `later` and one with a
+/// damaged report in `damaged`.
+fn place() -> &'static Path {
+    static PLACE: OnceLock<tempfile::TempDir> = OnceLock::new();
+    PLACE
+        .get_or_init(|| {
+            let folder = tempfile::tempdir().unwrap();
+            let at = |name: &str| folder.path().join(name);
+            let config = write(folder.path(), "toy.toml", TOY);
+            run(&mut discover(elo(), &config, &at("run"))).expect_success();
+            fs::create_dir(at("begun")).unwrap();
+            let report = fs::read_to_string(at("run/results/report.json")).unwrap();
+            for (name, text) in
+                [("later", report.replacen("\"format\": 1", "\"format\": 2", 1)), ("damaged", "{".to_owned())]
+            {
+                fs::create_dir_all(at(name).join("results")).unwrap();
+                fs::write(at(name).join("results/report.json"), text).unwrap();
+            }
+            folder
+        })
+        .path()
+}
+
+fn report(arguments: &[&str]) -> Ran {
+    let mut command = std::process::Command::new(elo());
+    run(command.current_dir(place()).arg("report").args(arguments))
+}
+
+#[test]
+fn bad_input_is_told_and_nothing_is_written() {
+    let cases: [(&[&str], &str); 7] = [
+        (&["none"], "elo: none: there is no such run directory\n"),
+        (
+            &["begun"],
+            "elo: begun: it has no results/report.json; `elo discover` writes it when the run is finished\n",
+        ),
+        (&["later"], "elo: later/results/report.json: it has format 2, and this program reads format 1\n"),
+        (&["damaged"], "elo: damaged/results/report.json: EOF while parsing an object at line 1 column 1\n"),
+        (
+            &["run", "--out", "nowhere/page.html"],
+            "elo: --out nowhere/page.html: there is no folder nowhere\n",
+        ),
+        (&["run", "--out", "run"], "elo: --out run: it is a folder; expected the name of a file\n"),
+        (&["run", "--out", ".."], "elo: --out ..: it is a folder; expected the name of a file\n"),
+    ];
+    let before = names(place());
+    for (arguments, stderr) in cases {
+        let ran = report(arguments).expect_code(2);
+        assert_eq!(ran.stderr, stderr, "{arguments:?}");
+        assert_eq!(ran.stdout, "", "{arguments:?}");
+    }
+    assert_eq!(names(place()), before);
+}
+
+#[test]
+fn a_finished_run_becomes_a_page_with_its_plots_beside_it() {
+    let out = tempfile::tempdir().unwrap();
+    let page = out.path().join("page.html");
+    let ran = report(&["run", "--out", page.to_str().unwrap()]).expect_success();
+    assert_eq!(ran.stderr, "");
+    let html = fs::read_to_string(&page).unwrap();
+    assert!(html.starts_with("<!DOCTYPE html>"));
+    // The terminal's table and the page hold the same figures.
+    let config = place().join("toy.toml");
+    let table = run(&mut discover(elo(), &config, &place().join("run"))).expect_success().stdout;
+    let set = table.lines().find(|line| line.starts_with("the set")).unwrap();
+    let figures = set.trim_start_matches("the set").split("   ").map(str::trim).filter(|f| f.ends_with(']'));
+    let figures: Vec<&str> = figures.collect();
+    assert!(figures.len() > 2, "{set}");
+    for figure in figures {
+        assert!(html.contains(&format!(">{figure}</span>")), "{figure}");
+    }
+    let plots = names(&out.path().join("page-plots"));
+    assert!(plots.iter().any(|name| name == "mean-return.svg"), "{plots:?}");
+}
