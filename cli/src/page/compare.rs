@@ -55,14 +55,14 @@ fn row(run: &RunData, index: usize, metrics: &[&str]) -> Markup {
             @for metric in metrics {
                 td {
                     @if let Some(set) = set(metric) {
-                        (interval(&set.row.mean_return, RETURN_DIGITS))
+                        span.figure { (interval(&set.row.mean_return, RETURN_DIGITS)) }
                         br;
                         small { "options " (numbers(&set.options.iter().map(|option| option.number).collect::<Vec<_>>())) }
                     }
                 }
             }
             @for name in SHOWN {
-                td { @if let Some(row) = baseline(name) { (interval(&row.mean_return, RETURN_DIGITS)) } }
+                td { @if let Some(row) = baseline(name) { span.figure { (interval(&row.mean_return, RETURN_DIGITS)) } } }
             }
         }
     }
