@@ -179,7 +179,8 @@ impl Rug {
             fill: None,
             stroke: self.colour.clone().into(),
             stroke_width: 1.0,
-            opacity: Some(0.45),
+            // Where there are very many, only those that coincide are dark.
+            opacity: Some((60.0 / self.values.len().max(1) as f64).clamp(0.1, 0.5)),
             stroke_dasharray: None,
         }))
     }

@@ -150,15 +150,15 @@ fn warnings(sheet: &Sheet<'_>) -> Markup {
         } @else {
             ul.warnings {
                 @for warning in &report.warnings { li { (warning) } }
-                @if !failures.is_empty() { li { (failures.len()) " rollouts failed and " (policy(sheet.run.plan.failures.policy)) "; see the last section." } }
-                @if given_up > 0 { li { (given_up) " candidates were given up, because every recording fell." } }
-                @if diverged > 0 { li { (diverged) " trainings diverged and were given up." } }
+                @if !failures.is_empty() { li { "Rollouts that failed: " (failures.len()) ". Such rollouts " (policy(sheet.run.plan.failures.policy)) "; see the last section." } }
+                @if given_up > 0 { li { "Candidates that were given up, because every recording fell: " (given_up) "." } }
+                @if diverged > 0 { li { "Trainings that diverged and were given up: " (diverged) "." } }
             }
         }
     }
 }
 
-/// What a failed rollout counts as, after "rollouts failed and".
+/// What a failed rollout counts as, after "such rollouts".
 pub fn policy(policy: FailurePolicy) -> &'static str {
     match policy {
         FailurePolicy::WorstPossible => "count as the worst possible return",
