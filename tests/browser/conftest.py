@@ -6,15 +6,11 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import made_up  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 CHROMIUM = Path(os.environ.get("ELO_CHROMIUM", "/usr/bin/chromium"))
@@ -33,25 +29,27 @@ def elo_program() -> Path:
 
 @pytest.fixture(scope="session")
 def run_folder(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small run in Rapier, which then is given experiments and films."""
+    """A small run in Rapier with everything that a page can show. Rollouts go on after falls, so that films are long."""
     folder = tmp_path_factory.mktemp("runs") / "half-cheetah"
     small = {
-        "teacher.steps": 16384, "discover.teachers": 1, "discover.candidates": 12, "discover.contexts": 10,
-        "discover.steps": 40, "discover.max_retakes": 200, "report.contexts": 12, "report.random_subsets": 2,
+        "teacher.steps": 16384, "teacher.snapshots": 3, "discover.teachers": 1, "discover.candidates": 12,
+        "discover.contexts": 10, "discover.steps": 140, "discover.stop_at_fall": "false", "report.contexts": 12,
+        "report.random_subsets": 2, "experiments.sweep": "[0.1, 1.0]",
     }  # fmt: skip
     changes = [f"--set={field}={value}" for field, value in small.items()]
     config = REPOSITORY / "examples" / "half-cheetah-quick.toml"
-    subprocess.run([elo_program, "discover", config, "--out", folder, *changes], check=True, capture_output=True)
-    made_up.complete(folder)
+    run = [["discover", config, "--out", folder, *changes], ["experiments", folder]]
+    for arguments in [*run, ["crosscheck", folder, "--simulator", "mujoco", "--contexts", "4"]]:
+        subprocess.run([elo_program, *arguments], check=True, capture_output=True)
     return folder
 
 
 @pytest.fixture(scope="session")
 def bare_folder(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same run without experiments and films."""
+    """The same run without experiments and without a comparison of engines."""
     folder = tmp_path_factory.mktemp("bare") / "bare"
     shutil.copytree(run_folder, folder)
-    for name in ("experiments.json", "replay.json"):
+    for name in ("experiments.json", "crosscheck.json"):
         (folder / "results" / name).unlink()
     return folder
 
@@ -59,7 +57,8 @@ def bare_folder(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 @pytest.fixture(scope="session")
 def page_file(elo_program: Path, run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("page") / "report.html"
-    subprocess.run([elo_program, "report", run_folder, "--out", out], check=True, capture_output=True)
+    command = [elo_program, "report", run_folder, "--out", out, "--simulator", "mujoco", "--replays", "2"]
+    subprocess.run(command, check=True, capture_output=True)
     return out
 
 

@@ -69,10 +69,13 @@ fn bad_input_is_told_and_nothing_is_written() {
 fn a_finished_run_becomes_a_page_with_its_plots_beside_it() {
     let out = tempfile::tempdir().unwrap();
     let page = out.path().join("page.html");
-    let ran = report(&["run", "--out", page.to_str().unwrap()]).expect_success();
+    let ran = report(&["run", "--replays", "0", "--out", page.to_str().unwrap()]).expect_success();
     assert_eq!(ran.stderr, "");
+    assert!(!fs::read_to_string(&page).unwrap().contains("class=\"films\""), "no replay was asked for");
+    report(&["run", "--replays", "2", "--out", page.to_str().unwrap()]).expect_success();
     let html = fs::read_to_string(&page).unwrap();
     assert!(html.starts_with("<!DOCTYPE html>"));
+    assert!(html.contains("class=\"films\""), "a mass on a line can be seen");
     // The terminal's table and the page hold the same figures.
     let config = place().join("toy.toml");
     let table = run(&mut discover(elo(), &config, &place().join("run"))).expect_success().stdout;
