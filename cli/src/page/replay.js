@@ -54,7 +54,7 @@ class View {
     this.engine = engine;
     this.films = engine.films.map((film) => new Film(film, engine.scene.bodies.length));
     this.scene = new THREE.Scene();
-    this.paint = { robot: [], paper: new THREE.Color() };
+    this.painted = [];
     this.bodies = engine.scene.bodies.map(() => this.scene.add(new THREE.Group()).children.at(-1));
     engine.scene.solids.forEach((solid) => this.bodies[solid.body].add(this.solid(solid)));
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0xb0b0b0, 2.4));
@@ -78,7 +78,7 @@ class View {
       box: () => new THREE.BoxGeometry(...size.half_size.map((half) => 2 * half)),
     }[kind]();
     const material = new THREE.MeshStandardMaterial({ roughness: 0.55 });
-    this.paint.robot.push({ material, body });
+    this.painted.push({ material, body });
     const mesh = new THREE.Mesh(geometry, material);
     mesh.castShadow = true;
     mesh.receiveShadow = true;
@@ -92,7 +92,7 @@ class View {
   repaint(colour) {
     const { THREE } = this;
     const shades = ["--c6", "--c5", "--c3", "--c4"].map(colour);
-    for (const { material, body } of this.paint.robot) material.color.set(body === 0 ? colour("--c2") : shades[body % shades.length]);
+    for (const { material, body } of this.painted) material.color.set(body === 0 ? colour("--c2") : shades[body % shades.length]);
     const paper = new THREE.Color(colour("--panel"));
     this.scene.background = paper;
     this.scene.fog = new THREE.Fog(paper, 7, 18);
@@ -138,7 +138,6 @@ class View {
     this.film = this.films.find((film) => film.who === who && film.context === context) ?? null;
     for (const body of this.bodies) body.visible = this.film !== null;
     if (this.film) {
-      this.start = this.film.low[0];
       this.pose(0);
       this.start = this.middle.x;
       this.home = this.middle.clone();
@@ -176,10 +175,9 @@ class View {
   }
 
   caption() {
-    const { name, version } = this.engine.engine;
-    if (!this.film) return [`${name} ${version}`, "no film of this option in this context"];
-    const forward = this.middle.x - this.start;
-    return [`${name} ${version}`, `return ${this.film.returns.toFixed(1)}, ${forward.toFixed(2)} m forward`];
+    const name = `${this.engine.engine.name} ${this.engine.engine.version}`;
+    if (!this.film) return [name, "no film of this option in this context"];
+    return [name, `return ${this.film.returns.toFixed(1)}, ${(this.middle.x - this.start).toFixed(2)} m forward`];
   }
 }
 
