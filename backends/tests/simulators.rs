@@ -17,6 +17,7 @@ use elo_core::simulator::{SimulatorConfig, Start};
 use elo_core::task::Task;
 use elo_core::units::evaluate::{self, Behavior, Evaluate};
 use elo_core::units::film::{Film, Filmed};
+use elo_core::units::play::Play;
 use elo_core::units::{Site, Work, prepare};
 
 /// A simulator to be tried.
@@ -112,13 +113,8 @@ fn films_show_every_geom_and_a_torso_that_moves() {
         let context = Context { task: Task::default(), start: PreparedStart::standard(4) };
         let subject = evaluate::Subject { name: "random".to_owned(), behavior: Behavior::RandomTorque };
         let horizon = Horizon { steps: 40, discount: 1.0, stop_at_fall: false };
-        let rollouts = Evaluate {
-            simulator: config,
-            subjects: vec![subject],
-            contexts: 1,
-            horizon,
-            seed: Seed::root(1),
-        };
+        let play = Play { simulator: config, subjects: vec![subject], horizon, seed: Seed::root(1) };
+        let rollouts = Evaluate { contexts: 1, play };
         let work = Work::from(Film { rollouts, first: 1 });
         let bytes = work.perform(&[prepare::encode(&[context])], &mut Site::new(Vec::new()), &mut Unwatched);
         let Filmed { scene, takes } = Filmed::decode(&bytes.unwrap()).unwrap();

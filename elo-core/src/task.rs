@@ -63,7 +63,7 @@ impl TaskDistribution {
     #[must_use]
     pub fn over(mut self, other: &Self) -> Self {
         for (name, range) in &other.0 {
-            self.0.entry(name.clone()).or_insert_with(|| range.clone());
+            self.0.entry(name.clone()).or_insert_with(|| *range);
         }
         self
     }

@@ -182,7 +182,7 @@ const CASES: &[Case] = &[
         code: 2,
         stderr: "elo: bad.toml: `seed`: is missing; expected an integer of at least 0\n\
                  bad.toml:2: `sed`: is unknown; expected one of seed, simulator, tasks, initial_states, teacher, \
-                 option_learner, discover, metrics, selector, returns, failures, report, workers; did you mean `seed`?\n\
+                 option_learner, discover, metrics, selector, returns, failures, report, experiments, workers; did you mean `seed`?\n\
                  bad.toml:5: `simulator.kind`: expected a kind of simulator (point_mass, mujoco, python, python_body, rapier), got the text \
                  \"pointmass\"; did you mean \"point_mass\"?\n\
                  bad.toml:21: `teacher.hidden`: expected a list, got the text \"16\"\n\
