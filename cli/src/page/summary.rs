@@ -97,8 +97,8 @@ fn worth(sheet: &Sheet<'_>, equivalent: &Equivalent, at: &At) -> Markup {
         li {
             @match equivalent.steps {
                 Crossing::At(steps) => {
-                    strong { "Worth" } " " (number(steps, 0, &at.then("steps").then("at"))) " steps of training: so long "
-                    "does " (teacher) " take, " (acts) ", to earn as much (for the ends of the interval: "
+                    strong { "Worth" } " " (number(steps, 0, &at.then("steps").then("at"))) " steps of training: "
+                    (teacher) ", " (acts) ", needs as many to earn as much (the interval's ends: "
                     (crossing(equivalent.low)) " and " (crossing(equivalent.high)) ")."
                 }
                 Crossing::BelowCurve => {
