@@ -178,7 +178,8 @@ mod tests {
     #[test]
     fn without_the_engine_the_error_says_what_to_run() {
         let error = MujocoConfig::default().build().err().unwrap();
-        let text = "MuJoCo 3.17.0 is missing: run tests/set-up, which places it under target/mujoco";
+        let text = "MuJoCo 3.17.0 is missing: this program was built without it; build it with the feature `mujoco` of \
+                    `elo-backends` after `tests/set-up`";
         assert_eq!(error.to_string(), text);
     }
 }
