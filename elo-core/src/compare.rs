@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::context::Split;
 use crate::crew::RunError;
 use crate::discover::{ContextSet, Run};
 use crate::figures::{Row, Sample, Yardstick};
@@ -15,7 +14,6 @@ use crate::simulator::Engine;
 use crate::statistics::StatisticsError;
 use crate::statistics::bootstrap::{Interval, paired_difference};
 use crate::units::learn;
-use crate::units::prepare::TaskSource;
 
 /// What the comparison found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -54,8 +52,7 @@ pub struct SetPair {
 /// # Errors
 /// See [`RunError`]; also sets of another horizon.
 pub fn compare(run: &Run<'_>, first: &[OptionSet], second: &[OptionSet]) -> Result<RunComparison, RunError> {
-    let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
-    let contexts = run.prepare_contexts(Split::Report, run.experiment.report.contexts, &tasks)?;
+    let contexts = run.held_out_contexts(run.experiment.report.contexts)?;
     let horizon = run.experiment.discover.horizon();
     if let Some(other) = first.iter().chain(second).find(|set| set.manifest.horizon != horizon) {
         return Err(RunError::Config(format!(

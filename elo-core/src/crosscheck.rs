@@ -2,10 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::context::Split;
 use crate::crew::{RunError, Unit};
-use crate::discover::{CANDIDATES_PER_UNIT, ContextSet, Discovery, Run, duplicate, value};
-use crate::experiment::Experiment;
+use crate::discover::{CANDIDATES_PER_UNIT, ContextSet, Discovery, Run, value};
 use crate::performer::Performer;
 use crate::rollout::Rollout;
 use crate::simulator::{Engine, SimulatorConfig};
@@ -13,7 +11,6 @@ use crate::statistics::agreement::{kendall_tau_b, sign_test, spearman};
 use crate::statistics::bootstrap::{Interval, bootstrap};
 use crate::statistics::ranking::top_k_positions;
 use crate::statistics::summary::{mean, quantile};
-use crate::units::prepare::TaskSource;
 use crate::units::trace::{self, Trace};
 
 /// Two trajectories have parted once a component of their observations differs by more than this. Observations of robots
@@ -109,12 +106,8 @@ pub fn crosscheck(
     others: &[Box<dyn SimulatorConfig>],
     contexts: usize,
 ) -> Result<Crosscheck, RunError> {
-    let experiments: Vec<Experiment> = std::iter::once(&run.experiment.simulator)
-        .chain(others)
-        .map(|simulator| Experiment { simulator: duplicate(simulator), ..duplicate(run.experiment) })
-        .collect();
-    let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
-    let own = run.prepare_contexts(Split::Report, contexts, &tasks)?;
+    let experiments = run.on_each(others);
+    let own = run.held_out_contexts(contexts)?;
     let set_size = run.experiment.discover.set_size;
 
     let mut measured: Vec<Measured> = Vec::new();
@@ -126,11 +119,7 @@ pub fn crosscheck(
             return Err(RunError::Config(format!("the options do not fit {name} {version}: {difference}")));
         }
         let same_starts = there.spec.capabilities.settable_state;
-        let starts = if same_starts {
-            own.clone()
-        } else {
-            there.prepare_contexts(Split::Report, contexts, &tasks)?
-        };
+        let starts = there.same_contexts(&own)?;
         let (returns, failures) = returns(&there, discovery, &starts)?;
         if measured.is_empty() {
             best = top_k_positions(&scores(&returns)?, set_size);

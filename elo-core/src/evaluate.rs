@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::context::Split;
 use crate::crew::RunError;
 use crate::discover::Run;
 use crate::figures::{Comparison, Row, Yardstick};
@@ -11,7 +10,6 @@ use crate::performer::{Performer, PerformerRole};
 use crate::rollout::Rollout;
 use crate::simulator::Engine;
 use crate::units::evaluate::Behavior;
-use crate::units::prepare::TaskSource;
 
 /// What was measured of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,8 +45,7 @@ pub struct Evaluation {
 pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> {
     let manifest = &set.manifest;
     let plan = &run.experiment.report;
-    let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
-    let contexts = run.prepare_contexts(Split::Report, plan.contexts, &tasks)?;
+    let contexts = run.held_out_contexts(plan.contexts)?;
     let plain =
         |name: &str, behavior| Performer { name: name.to_owned(), role: PerformerRole::Plain(behavior) };
     let baselines = [vec![

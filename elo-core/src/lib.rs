@@ -12,6 +12,7 @@ pub mod context;
 pub mod crew;
 pub mod crosscheck;
 pub mod discover;
+mod elsewhere;
 pub mod evaluate;
 pub mod experiment;
 pub mod experiments;

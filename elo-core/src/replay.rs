@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::crew::{RunError, Unit};
-use crate::discover::{CONTEXTS_PER_UNIT, ContextSet, Run};
-use crate::performer::Performer;
+use crate::discover::{CONTEXTS_PER_UNIT, ContextSet, Discovery, Run};
+use crate::performer::{Performer, PerformerRole};
 use crate::scene::{Film, Scene};
-use crate::simulator::Engine;
+use crate::simulator::{Engine, SimulatorConfig};
+use crate::units::evaluate::Behavior;
 use crate::units::film::{self, Filmed};
 
 /// Some rollouts of a run.
@@ -34,6 +35,34 @@ pub struct FilmOf {
     /// What it looks like. A rollout that failed goes as far as it came, and its return is [`Run::return_floor`], as in
     /// the report.
     pub film: Film,
+}
+
+/// The chosen options and random torque in the first `count` held-out contexts, on the run's own simulator and on
+/// `others`: one replay for each that can be seen.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn replays(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    others: &[Box<dyn SimulatorConfig>],
+    count: usize,
+) -> Result<Vec<Replay>, RunError> {
+    let own = run.held_out_contexts(run.experiment.report.contexts)?;
+    let mut chosen: Vec<usize> =
+        discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
+    chosen.sort_unstable();
+    chosen.dedup();
+    let mut performers: Vec<Performer> =
+        chosen.iter().map(|id| Performer::candidate(&discovery.candidates[*id])).collect();
+    let role = PerformerRole::Plain(|| Behavior::RandomTorque);
+    performers.push(Performer { name: "random torque".to_owned(), role });
+    let mut replays = Vec::new();
+    for experiment in &run.on_each(others) {
+        let there = Run::new(experiment, run.crew)?;
+        replays.extend(replay(&there, &performers, &there.same_contexts(&own)?, count)?);
+    }
+    Ok(replays)
 }
 
 /// The rollouts of `performers` in the first `count` of `contexts`: the very ones that [`Run::evaluate`] measures. `None`

@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::context::Split;
 use crate::crew::RunError;
 use crate::discover::{Candidate, ContextSet, Discovery, Run, duplicate};
 use crate::experiment::TeacherActs;
@@ -21,7 +20,6 @@ use crate::statistics::bootstrap::Interval;
 use crate::statistics::summary::mean;
 use crate::task::Task;
 use crate::units::evaluate::Behavior;
-use crate::units::prepare::TaskSource;
 use rand::RngExt as _;
 
 /// The format number of [`Report`]; raised with every change that a reader must know of.
@@ -132,8 +130,7 @@ pub struct OptionReport {
 /// # Errors
 /// See [`RunError`].
 pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError> {
-    let tasks = TaskSource::Distribution(run.experiment.tasks.clone());
-    let contexts = run.prepare_contexts(Split::Report, run.experiment.report.contexts, &tasks)?;
+    let contexts = run.held_out_contexts(run.experiment.report.contexts)?;
 
     let mut wanted: Vec<usize> =
         discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();

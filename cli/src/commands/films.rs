@@ -2,16 +2,11 @@
 
 use std::path::Path;
 
-use elo_core::context::Split;
-use elo_core::crew::{Crew, RunError};
 use elo_core::discover::{Run, discover, duplicate};
 use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
-use elo_core::performer::{Performer, PerformerRole};
 use elo_core::plugin::Plugin;
-use elo_core::replay::{Replay, replay};
-use elo_core::units::evaluate::Behavior;
-use elo_core::units::prepare::TaskSource;
+use elo_core::replay::{Replay, replays};
 
 use crate::arguments::Report;
 use crate::engines::{hosts, others};
@@ -33,9 +28,10 @@ pub fn films(arguments: &Report, folder: &Path, plugins: &[&[Plugin]]) -> Result
         return Ok(Vec::new());
     }
     let staff = staff(arguments.workers, plugins)?;
+    let simulators: Vec<_> = others.iter().map(|other| duplicate(&other.simulator)).collect();
     with_crew(folder, hosts(&experiment, &others), staff, |crew| {
-        let experiments = std::iter::once(&experiment).chain(&others);
-        Ok(filmed(&experiment, experiments, arguments.replays, crew)?)
+        let discovery = discover(&experiment, crew)?;
+        Ok(replays(&Run::new(&experiment, crew)?, &discovery, &simulators, arguments.replays)?)
     })
 }
 
@@ -48,38 +44,4 @@ fn unfilmable(experiment: &Experiment, folder: &Path) -> Option<String> {
         return Some(format!("{program} made it: this program would have to do the whole run again"));
     }
     ready_to_run(experiment).err().map(|error| error.to_string())
-}
-
-fn filmed<'a>(
-    own: &Experiment,
-    experiments: impl Iterator<Item = &'a Experiment>,
-    count: usize,
-    crew: &Crew<'_>,
-) -> Result<Vec<Replay>, RunError> {
-    let discovery = discover(own, crew)?;
-    let run = Run::new(own, crew)?;
-    let tasks = TaskSource::Distribution(own.tasks.clone());
-    let contexts = run.prepare_contexts(Split::Report, own.report.contexts, &tasks)?;
-    let mut chosen: Vec<usize> =
-        discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
-    chosen.sort_unstable();
-    chosen.dedup();
-    let mut performers: Vec<Performer> =
-        chosen.iter().map(|id| Performer::candidate(&discovery.candidates[*id])).collect();
-    let role = PerformerRole::Plain(|| Behavior::RandomTorque);
-    performers.push(Performer { name: "random torque".to_owned(), role });
-
-    let mut replays = Vec::new();
-    for experiment in experiments {
-        let experiment = Experiment { simulator: duplicate(&experiment.simulator), ..duplicate(own) };
-        let there = Run::new(&experiment, crew)?;
-        // An engine that cannot be put into states reaches starts of its own by the same seeds.
-        let starts = if there.spec.capabilities.settable_state {
-            contexts.clone()
-        } else {
-            there.prepare_contexts(Split::Report, own.report.contexts, &tasks)?
-        };
-        replays.extend(replay(&there, &performers, &starts, count)?);
-    }
-    Ok(replays)
 }
