@@ -89,3 +89,20 @@ fn a_finished_run_becomes_a_page_with_its_plots_beside_it() {
     let plots = names(&out.path().join("page-plots"));
     assert!(plots.iter().any(|name| name == "mean-return.svg"), "{plots:?}");
 }
+
+#[test]
+fn a_run_of_another_program_has_no_replay_and_is_not_done_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, page) = (folder.path().join("run"), folder.path().join("page.html"));
+    let config = place().join("toy.toml");
+    run(&mut discover(elo(), &config, &out)).expect_success();
+    let provenance = fs::read_to_string(out.join("provenance.json")).unwrap();
+    let mut value: serde_json::Value = serde_json::from_str(&provenance).unwrap();
+    value["program"] = "elo 0.0.1".into();
+    fs::write(out.join("provenance.json"), value.to_string()).unwrap();
+    let before = names(&out);
+    let ran = report(&[out.to_str().unwrap(), "--out", page.to_str().unwrap()]).expect_success();
+    assert!(ran.stderr.contains("no replay, because elo 0.0.1 made it"), "{ran}");
+    assert!(!fs::read_to_string(&page).unwrap().contains("class=\"films\""));
+    assert_eq!(names(&out), before, "nothing was done in the run directory");
+}

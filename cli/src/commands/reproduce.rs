@@ -1,8 +1,9 @@
 //! `elo reproduce`: the paper's experiments, from nothing to figures beside the paper's.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use elo_core::experiment::Experiment;
 use elo_core::experiments::Experiments;
 use elo_core::plugin::Plugin;
 use serde::Serialize;
@@ -55,15 +56,27 @@ pub fn run(arguments: &Reproduce, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         Scale::Paper => "paper",
     };
     let folder = arguments.out.join(format!("{scale}-{}", arguments.simulator));
-    let runs = presets.len() as u64 * arguments.seeds;
-    let (mut all, mut done) = (Vec::new(), 0);
+    // All configs are read before anything is run.
+    let mut robots = Vec::new();
     for (robot, preset) in presets {
+        let experiments =
+            (1..=arguments.seeds).map(|seed| experiment(arguments, (robot, preset), seed, plugins));
+        robots.push((robot, experiments.collect::<Result<Vec<_>, _>>()?));
+    }
+    let (runs, mut done) = (robots.len() as u64 * arguments.seeds, 0);
+    let mut all = Vec::new();
+    for (robot, experiments) in robots {
         let mut seeds = Vec::new();
-        for seed in 1..=arguments.seeds {
+        for experiment in experiments {
             done += 1;
+            let seed = experiment.seed;
             print_error(&format!("{robot}, seed {seed} (run {done} of {runs})"));
+            let staff = staff(arguments.workers, plugins)?;
             let run = folder.join(format!("{robot}-seed-{seed}"));
-            seeds.push(one(arguments, (robot, preset), seed, &run, plugins)?);
+            seeds.push(with_crew(&run, &experiment, staff, |crew| {
+                discover::run_in(&experiment, crew)?;
+                experiments::run_in(&experiment, crew)
+            })?);
         }
         let beside = paper::beside(&seeds, CONFIDENCE);
         if !arguments.json {
@@ -94,13 +107,12 @@ fn presets(robots: &[String]) -> Result<Vec<(&'static str, &'static str)>, Exit>
     Ok(PRESETS.into_iter().filter(|(name, _)| wanted(name)).collect())
 }
 
-fn one(
+fn experiment(
     arguments: &Reproduce,
     (robot, preset): (&str, &str),
     seed: u64,
-    folder: &Path,
     plugins: &[&[Plugin]],
-) -> Result<Experiments, Exit> {
+) -> Result<Experiment, Exit> {
     let mut overrides = vec![format!("seed={seed}"), format!("simulator.kind={}", arguments.simulator)];
     if arguments.scale == Scale::Quick {
         overrides.extend(QUICK.map(str::to_owned));
@@ -109,11 +121,7 @@ fn one(
     let name = PathBuf::from(format!("the preset of {robot}"));
     let experiment = load::embedded(preset, &name, &overrides, plugins)?;
     ready_to_run(&experiment)?;
-    let staff = staff(arguments.workers, plugins)?;
-    with_crew(folder, &experiment, staff, |crew| {
-        discover::run_in(&experiment, crew)?;
-        experiments::run_in(&experiment, crew)
-    })
+    Ok(experiment)
 }
 
 fn csv(all: &[Reproduced]) -> String {
