@@ -31,6 +31,7 @@ pub fn experiments(found: &Experiments, confidence: f64) -> String {
         "\n{:<40} {:>16} {:>12} {:>16} {:>12}",
         "of one rollout a context", "fell", "at most", "V < μ* − α σ*", "at most"
     );
+    text.push_str("(at most: Clopper and Pearson's upper bound of the probability, one-sided)\n");
     for agent in &found.agents {
         let (falls, low) = (bound(&agent.falls), bound(&agent.low_returns));
         let _ = writeln!(text, "{:<40} {falls} {low}", agent.row.name);
@@ -63,7 +64,8 @@ fn equivalents(text: &mut String, found: &Experiments) {
     let Some(last) = found.curve.last() else { return };
     let _ = writeln!(
         text,
-        "\nhow long a teacher for the default task trains until it earns as much ({} policies up to {} steps)",
+        "\nhow many steps a teacher for the default task trains until it earns as much; it acts by samples as while it learns \
+         (what the paper\nis compared with), or by its mean, which needs fewer ({} policies up to {} steps)",
         found.curve.len(),
         last.steps
     );
@@ -72,22 +74,21 @@ fn equivalents(text: &mut String, found: &Experiments) {
             TeacherActs::Sample => "by samples",
             TeacherActs::Mean => "by its mean",
         };
-        let _ = writeln!(text, "{:<40} {acts:<12} {}", one.agent, crossing(one));
+        let _ = writeln!(text, "{:<40} {acts:<12} {}", one.agent, crossing(one, last.steps));
     }
 }
 
-fn crossing(one: &Equivalent) -> String {
+fn crossing(one: &Equivalent, last: u64) -> String {
     let place = |crossing: Crossing| match crossing {
-        Crossing::BelowCurve => "untrained".to_owned(),
+        Crossing::BelowCurve => "0".to_owned(),
         Crossing::At(steps) => format!("{steps:.0}"),
-        Crossing::AboveCurve => "beyond the curve".to_owned(),
+        Crossing::AboveCurve => format!("more than {last}"),
     };
-    let ends = format!("[{}, {}]", place(one.low), place(one.high));
-    match one.steps {
-        Crossing::BelowCurve => format!("the untrained one does already {ends}"),
-        Crossing::At(steps) => format!("{steps:.0} steps {ends}"),
-        Crossing::AboveCurve => format!("none of them does {ends}"),
-    }
+    let words = match one.steps {
+        Crossing::BelowCurve => ": the untrained one earns as much",
+        Crossing::At(_) | Crossing::AboveCurve => "",
+    };
+    format!("{} [{}, {}]{words}", place(one.steps), place(one.low), place(one.high))
 }
 
 fn tails(text: &mut String, found: &Experiments) {
@@ -129,7 +130,7 @@ pub fn beside(all: &[Beside]) -> String {
         let digits = one.digits;
         let ours = one.ours.map_or("-".to_owned(), |ours| interval(&ours, digits));
         let paper = one.paper.map_or("-".to_owned(), |paper| format!("{paper:.digits$}"));
-        let note = one.note.as_deref().unwrap_or_default();
+        let note = one.note.as_deref().map_or(String::new(), |note| format!(" ({note})"));
         let _ = writeln!(text, "{:<58} {ours:>26}   paper {paper:>7}   {} {note}", one.figure, one.remark());
     }
     text

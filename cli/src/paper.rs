@@ -9,6 +9,7 @@ use elo_core::experiments::curve::{Crossing, Equivalent};
 use elo_core::experiments::tails::TailTable;
 use elo_core::figures::Tail;
 use elo_core::statistics::bootstrap::Interval;
+use elo_core::statistics::proportion::clopper_pearson_upper;
 use elo_core::statistics::student::mean_interval;
 use serde::Serialize;
 
@@ -60,7 +61,8 @@ pub struct Beside {
     pub figure: String,
     /// Each pipeline seed's estimate.
     pub seeds: Vec<f64>,
-    /// Ours: over contexts for one seed, over seeds (Student's t) for several. `None` where no seed has it.
+    /// Ours: over contexts for one seed; for two the mean with their range; over seeds (Student's t) for more. `None` where no
+    /// seed has it.
     pub ours: Option<Interval>,
     /// What to know of ours, e.g. that it lies outside the learning curve.
     pub note: Option<String>,
@@ -78,6 +80,7 @@ impl Beside {
     pub fn remark(&self) -> &'static str {
         match (&self.ours, self.paper) {
             _ if !self.comparable => "another normalisation",
+            (Some(_), Some(_)) if self.seeds.len() == 2 => "two seeds are too few to tell",
             (Some(ours), Some(paper)) if ours.contains(paper) => "the paper's is within",
             (Some(ours), Some(paper)) if ours.low > paper => "above the paper's",
             (Some(_), Some(_)) => "below the paper's",
@@ -101,11 +104,10 @@ pub fn beside(runs: &[Experiments], confidence: f64) -> Vec<Beside> {
         let spread = run.spreads.iter().find(|spread| spread.metric.starts_with("positive_skew"))?;
         Some(Interval { estimate: spread.near_best, low: spread.near_best, high: spread.near_best })
     };
-    all.push(over.figure(
-        "Figure 5.6: share within 10 % of the best by ψ+",
-        (Some(NEAR_BEST), 4, true),
-        spread,
-    ));
+    let near = "Figure 5.6: share within 10 % of the best by ψ+";
+    let mut near = over.figure(near, (Some(NEAR_BEST), 3, true), spread);
+    over.bound(&mut near);
+    all.push(near);
     all
 }
 
@@ -131,6 +133,10 @@ impl Over<'_> {
         let ours = match found.as_slice() {
             [] => None,
             [one] => Some(*one),
+            [a, b] => {
+                let (a, b) = (a.estimate, b.estimate);
+                Some(Interval { estimate: (a + b) / 2.0, low: a.min(b), high: a.max(b) })
+            }
             _ => mean_interval(&seeds, self.confidence).ok(),
         };
         let missing = self.runs.len() - found.len();
@@ -175,6 +181,22 @@ impl Over<'_> {
         beside
     }
 
+    /// Shares lie between 0 and 1. A single run's share of 0 or 1 has a bootstrap interval without width; the exact bound
+    /// of as many contexts is put in its place.
+    fn bound(&self, share: &mut Beside) {
+        let Some(ours) = &mut share.ours else { return };
+        (ours.low, ours.high) = (ours.low.clamp(0.0, 1.0), ours.high.clamp(0.0, 1.0));
+        if let [run] = self.runs {
+            let trials = run.contexts as u64;
+            if ours.high == 0.0 {
+                ours.high = clopper_pearson_upper(0, trials, self.confidence).unwrap_or(1.0);
+            }
+            if ours.low == 1.0 {
+                ours.low = 1.0 - clopper_pearson_upper(0, trials, self.confidence).unwrap_or(1.0);
+            }
+        }
+    }
+
     fn tail(&self, name: &str, tail: Tail, paper: &PaperTail) -> Vec<Beside> {
         let of = |pick: fn(&TailTable) -> Option<Interval>| {
             move |run: &Experiments| run.tails.iter().find(|table| table.tail == tail).and_then(pick)
@@ -186,12 +208,16 @@ impl Over<'_> {
         let row = |what: String, paper, comparable, pick| {
             self.figure(&format!("{name}: {what}"), (Some(paper), 3, comparable), of(pick))
         };
-        vec![
+        let mut rows = vec![
             row("mean under ψμ".to_owned(), paper.baseline.0, false, |t| Some(t.baseline.mean)),
             row(format!("{area} under ψμ"), paper.baseline.1, true, |t| Some(t.baseline.area)),
             row(format!("mean under {symbol}"), paper.set.0, false, |t| Some(t.set.mean)),
             row(format!("{area} under {symbol}"), paper.set.1, true, |t| Some(t.set.area)),
             row("improvement of the area".to_owned(), paper.improvement, true, |t| t.improvement),
-        ]
+        ];
+        for area in [1, 3] {
+            self.bound(&mut rows[area]);
+        }
+        rows
     }
 }

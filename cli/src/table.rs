@@ -1,13 +1,16 @@
 //! Reports as tables on a terminal.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use elo_core::compare::RunComparison;
 use elo_core::crosscheck::{Crosscheck, Difference};
 use elo_core::evaluate::Evaluation;
 use elo_core::figures::{Comparison, Row};
+use elo_core::metric::Reference;
 use elo_core::report::Report;
 use elo_core::reprice::Repriced;
+use elo_core::returns::Scale;
 use elo_core::statistics::bootstrap::Interval;
 
 use crate::format::{COLUMNS, RETURN_DIGITS, SCORE_DIGITS, SHARE_DIGITS, interval, percent};
@@ -28,16 +31,12 @@ pub fn report(report: &Report, confidence: f64) -> String {
     let _ = writeln!(
         text,
         "They begin after {:.1} random steps on average ({:.1} draws fell before a start was found).\n\
-         Every figure below is from held-out contexts, with its {:.0} % interval over contexts. mean, IQM and score are of\n\
-         returns normalised as (return {:+.2}) / {:.2}; tails are Pr(V < μ* − α σ*) and Pr(V > μ*), μ* = {:.3}, σ* = {:.3}.",
+         Every figure below is from held-out contexts, with its {:.0} % interval over contexts.",
         report.starts.mean_random_steps,
         report.starts.mean_redraws,
         confidence * 100.0,
-        -report.scale.offset,
-        report.scale.scale,
-        report.reference.mean,
-        report.reference.standard_deviation
     );
+    text.push_str(&normalisation(&report.scale, &report.reference));
     for set in &report.sets {
         let _ = writeln!(
             text,
@@ -62,6 +61,15 @@ pub fn report(report: &Report, confidence: f64) -> String {
         let _ = writeln!(text, "warning: {warning}");
     }
     text
+}
+
+/// What the columns of normalised returns mean.
+fn normalisation(scale: &Scale, reference: &Reference) -> String {
+    format!(
+        "mean, IQM and score are of returns normalised as (return {:+.2}) / {:.2}; tails are Pr(V < μ* − α σ*) and\n\
+         Pr(V > μ*), μ* = {:.3}, σ* = {:.3}.\n",
+        -scale.offset, scale.scale, reference.mean, reference.standard_deviation
+    )
 }
 
 /// The table that `elo evaluate` ends with.
@@ -106,7 +114,6 @@ pub fn crosscheck(found: &Crosscheck) -> String {
         let (first, second) = (&engines[pair.first].engine.name, &engines[pair.second].engine.name);
         let differ = pair.differences.iter().filter(|d| d.sign_test < 0.05 / candidates.len() as f64);
         let (more, less): (Vec<&Difference>, Vec<&Difference>) = differ.partition(|d| d.mean > 0.0);
-        let [early, middle, late] = pair.parted_after;
         let _ = writeln!(text, "\n{first} and {second}");
         let _ = writeln!(text, "  Kendall's τ-b of the mean returns  {}", correlation(&pair.kendall));
         let _ = writeln!(text, "  Spearman's ρ                       {}", correlation(&pair.spearman));
@@ -117,10 +124,15 @@ pub fn crosscheck(found: &Crosscheck) -> String {
             more.len(),
             less.len()
         );
-        let _ = writeln!(
-            text,
-            "  the best options' trajectories part after {middle:.0} steps (quartiles {early:.0} and {late:.0})"
-        );
+        let parted = percent(pair.parted, 0);
+        let _ = match pair.parted_after {
+            None => writeln!(text, "  none of the best options' trajectories parts"),
+            Some([early, middle, late]) => writeln!(
+                text,
+                "  {parted} % of the best options' trajectories part, after {middle:.0} steps (quartiles {early:.0} and \
+                 {late:.0})"
+            ),
+        };
     }
     let scores: Vec<String> = robust_scores.iter().map(|score| format!("{score:.1}")).collect();
     let _ = writeln!(
@@ -165,13 +177,15 @@ pub fn repriced(found: &Repriced) -> String {
     let (name, version) = (&engine.name, &engine.version);
     let mut text = format!(
         "\n{robot} in {name} {version}, seed {seed}: {contexts} held-out contexts with tasks of the new ranges; nothing was \
-         simulated\n"
+         simulated\n{}",
+        normalisation(&found.scale, &found.reference)
     );
     let list = |numbers: &[usize]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
     heading(&mut text);
     for set in sets {
         line(&mut text, &set.metric, &set.row);
-        if set.chosen == set.options {
+        let same = |of: &[usize]| of.iter().copied().collect::<BTreeSet<_>>();
+        if same(&set.chosen) == same(&set.options) {
             let _ = writeln!(text, "  the same options would be chosen: {}", list(&set.options));
             continue;
         }
@@ -199,13 +213,16 @@ pub fn compared(found: &RunComparison, names: &[String; 2]) -> String {
     );
     let [first, second] = names;
     for pair in pairs {
+        let (ours, theirs) = (&pair.first.name, &pair.second.name);
+        let metrics = if ours == theirs { ours.clone() } else { format!("{ours} and {theirs}") };
+        let _ = writeln!(text, "\n{metrics}");
+        text.push_str(&normalisation(&pair.scale, &pair.reference));
         heading(&mut text);
-        line(&mut text, &pair.first.name, &pair.first);
-        let _ = writeln!(text, "  of {first}");
-        line(&mut text, &pair.second.name, &pair.second);
-        let _ = writeln!(text, "  of {second}");
-        let _ = writeln!(text, "{:<34} {:>24}", "second minus first", interval(&pair.difference, 1));
-        let _ = writeln!(text, "{:<34} {:>24}\n", "falls, second minus first", interval(&pair.falls, 3));
+        line(&mut text, &format!("1: {first}"), &pair.first);
+        line(&mut text, &format!("2: {second}"), &pair.second);
+        let (returns, falls) = (interval(&pair.difference, 1), interval(&pair.falls, 3));
+        let _ = writeln!(text, "{:<34} {returns:>24}", "return, 2 minus 1");
+        let _ = writeln!(text, "{:<34} {falls:>24}", "share of falls, 2 minus 1");
     }
     text
 }

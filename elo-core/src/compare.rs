@@ -35,7 +35,11 @@ pub struct RunComparison {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetPair {
-    /// The first run's, named by its metric. Normalised figures are by the first set's own normalisation and reference.
+    /// The normalisation of returns in both: the first set's own.
+    pub scale: Scale,
+    /// Its `(μ*, σ*)`.
+    pub reference: Reference,
+    /// The first run's, named by its metric.
     pub first: Row,
     /// The second run's.
     pub second: Row,
@@ -140,6 +144,8 @@ fn pair(
         paired_difference(&of(&theirs), &of(&ours), plan.bootstrap_draws, plan.confidence, &mut stream)
     };
     Ok(SetPair {
+        scale,
+        reference,
         first: yardstick.row(&ours)?,
         second: yardstick.row(&theirs)?,
         difference: difference("return", &Sample::context_means)?,

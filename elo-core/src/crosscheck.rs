@@ -70,9 +70,10 @@ pub struct Pair {
     pub shared_best: usize,
     /// Each candidate's mean return on the second less that on the first, and the sign test's probability of it.
     pub differences: Vec<Difference>,
-    /// Control steps until the trajectories of the first engine's best options part: quartiles over options and contexts.
-    /// The horizon where they do not.
-    pub parted_after: [f64; 3],
+    /// Share of the trajectories of the first engine's best options that part, over options and contexts.
+    pub parted: f64,
+    /// Control steps until those do: their quartiles. `None` where none does.
+    pub parted_after: Option<[f64; 3]>,
 }
 
 /// One candidate on two engines.
@@ -243,9 +244,10 @@ fn pair(
             sign_test: sign_test(count(1.0), count(-1.0)),
         }
     });
-    let parted: Vec<f64> =
-        a.seen.iter().zip(&b.seen).map(|(a, b)| parted_after(a, b, run.spec.observation_size)).collect();
+    let seen = a.seen.iter().zip(&b.seen);
+    let parted: Vec<f64> = seen.filter_map(|(a, b)| parted_after(a, b, run.spec.observation_size)).collect();
     let quartile = |share: f64| quantile(&parted, share);
+    let quartiles = || Ok::<_, RunError>([quartile(0.25)?, quartile(0.5)?, quartile(0.75)?]);
     Ok(Pair {
         first,
         second,
@@ -253,22 +255,24 @@ fn pair(
         spearman: interval(spearman, "spearman"),
         shared_best: engines[first].best.iter().filter(|n| engines[second].best.contains(n)).count(),
         differences: differences.collect(),
-        parted_after: [quartile(0.25)?, quartile(0.5)?, quartile(0.75)?],
+        parted: parted.len() as f64 / a.seen.len().max(1) as f64,
+        parted_after: (!parted.is_empty()).then(quartiles).transpose()?,
     })
 }
 
-/// The first control step whose observations differ by more than [`PARTED`], or at which only one goes on. Components that
-/// are 0 or 1 in all of both are flags, such as foot contacts: they differ by a step long before anything is far apart, and
+/// The first control step whose observations differ by more than [`PARTED`], or at which only one goes on; `None` where they
+/// end together. Components that are 0 or 1 in all of both are flags, such as foot contacts: they differ by a step long before anything is far apart, and
 /// are left out.
-fn parted_after(a: &[f32], b: &[f32], size: usize) -> f64 {
+fn parted_after(a: &[f32], b: &[f32], size: usize) -> Option<f64> {
     let is_flag = |component: usize| {
         let values = a.iter().skip(component).step_by(size).chain(b.iter().skip(component).step_by(size));
         values.into_iter().all(|value| *value == 0.0 || *value == 1.0)
     };
     let compared: Vec<usize> = (0..size).filter(|component| !is_flag(*component)).collect();
     let apart = |(a, b): (&[f32], &[f32])| compared.iter().any(|i| (a[*i] - b[*i]).abs() > PARTED);
-    let common = a.len().min(b.len()) / size;
-    a.chunks_exact(size).zip(b.chunks_exact(size)).position(apart).unwrap_or(common) as f64
+    let common = (a.len() != b.len()).then_some(a.len().min(b.len()) / size);
+    let step = a.chunks_exact(size).zip(b.chunks_exact(size)).position(apart).or(common);
+    step.map(|step| step as f64)
 }
 
 #[cfg(test)]
@@ -278,11 +282,11 @@ mod tests {
     #[test]
     fn trajectories_part_where_they_differ_or_one_ends() {
         let (a, b) = ([0.0, 0.0, 1.0, 1.0, 2.0, 2.0], [0.0, 0.01, 1.0, 1.04, 2.0, 2.06]);
-        assert_eq!(parted_after(&a, &b, 2), 2.0);
-        assert_eq!(parted_after(&a, &a, 2), 3.0);
-        assert_eq!(parted_after(&a[..4], &a, 2), 2.0);
+        assert_eq!(parted_after(&a, &b, 2), Some(2.0));
+        assert_eq!(parted_after(&a, &a, 2), None);
+        assert_eq!(parted_after(&a[..4], &a, 2), Some(2.0));
         // The first component is a flag that differs at once, the second parts in the third step.
         let (a, b) = ([0.0, 0.2, 1.0, 0.2, 1.0, 0.2], [1.0, 0.2, 1.0, 0.2, 0.0, 0.4]);
-        assert_eq!(parted_after(&a, &b, 2), 2.0);
+        assert_eq!(parted_after(&a, &b, 2), Some(2.0));
     }
 }

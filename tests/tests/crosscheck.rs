@@ -53,7 +53,7 @@ fn an_engine_agrees_with_itself() {
     let [pair] = &found.pairs[..] else { panic!("{found:?}") };
     assert!((pair.kendall.unwrap().estimate - 1.0).abs() < 1e-12, "{pair:?}");
     assert!((pair.spearman.unwrap().estimate - 1.0).abs() < 1e-12, "{pair:?}");
-    assert_eq!(pair.shared_best, 3);
+    assert_eq!((pair.shared_best, pair.parted, pair.parted_after), (3, 0.0, None));
     assert!(pair.differences.iter().all(|d| d.mean == 0.0 && d.sign_test == 1.0), "{pair:?}");
     assert_eq!(found.robust, own.best);
     let stored = std::fs::read(finished().join("results/crosscheck.json")).unwrap();

@@ -179,7 +179,8 @@ fn the_paper_is_reproduced_at_a_small_size() {
     }
     let text = std::fs::read_to_string(out.join("quick-rapier/reproduction.json")).unwrap();
     let all: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let share = all[0]["beside"].as_array().unwrap().last().unwrap();
+    assert_eq!(all["changes"][0], "teacher.steps=12288");
+    let share = all["robots"][0]["beside"].as_array().unwrap().last().unwrap();
     assert_eq!(share["seeds"].as_array().unwrap().len(), 2, "one value a pipeline seed\n{share}");
     assert_eq!(share["paper"], 0.0067);
     let again = run(&mut command).expect_success();

@@ -17,6 +17,10 @@ use crate::{load, table};
 pub fn run(arguments: &Reprice, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let experiment = load::of_run(&arguments.run, plugins)?;
     let ranges = arguments.tasks.iter().map(|text| range(text)).collect::<Result<Vec<_>, _>>()?;
+    let twice = ranges.iter().enumerate().find(|(i, (name, _))| ranges[..*i].iter().any(|(n, _)| n == name));
+    if let Some((_, (name, _))) = twice {
+        return Err(Exit::BadInput(format!("--tasks {name}: is given twice")));
+    }
     let tasks = TaskDistribution::new(ranges).over(&experiment.tasks);
     let spec = experiment.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
     let mut faults = Faults::new();

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use elo_core::experiment::Experiment;
 use elo_core::experiments::Experiments;
+use elo_core::fingerprint::fingerprint;
 use elo_core::plugin::Plugin;
 use serde::Serialize;
 
@@ -34,6 +35,18 @@ const QUICK: [&str; 8] = [
     "report.random_subsets=4",
     "teacher.d0_pool=100",
 ];
+
+/// `reproduction.json`.
+#[derive(Serialize)]
+struct Reproduction<'a> {
+    /// What did it.
+    program: String,
+    scale: &'static str,
+    simulator: &'a str,
+    /// What `--set` changed.
+    changes: &'a [String],
+    robots: &'a [Reproduced],
+}
 
 /// One robot's runs.
 #[derive(Serialize)]
@@ -85,7 +98,14 @@ pub fn run(arguments: &Reproduce, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         }
         all.push(Reproduced { robot: robot.to_owned(), beside, seeds });
     }
-    let json = serde_json::to_string_pretty(&all).expect("figures are plain data") + "\n";
+    let reproduction = Reproduction {
+        program: fingerprint(),
+        scale,
+        simulator: &arguments.simulator,
+        changes: &arguments.overrides,
+        robots: &all,
+    };
+    let json = serde_json::to_string_pretty(&reproduction).expect("figures are plain data") + "\n";
     let files = [("reproduction.json", json.clone()), ("reproduction.csv", csv(&all))];
     for (name, text) in files {
         let path = folder.join(name);

@@ -45,7 +45,7 @@ fn whole(sheet: &mut Sheet<'_>, found: &Crosscheck) -> Markup {
         }))
         p.note {
             "Candidates earn more or less on the second engine than on the first by a sign test at 5 %, after Bonferroni. "
-            "Steps after which trajectories part are medians, with quartiles."
+            "Steps after which trajectories part are medians of those that do, with quartiles."
         }
         div.grid { @for plot in &plots { (plot) } }
         h3 { "Best by the worst engine" }
@@ -68,7 +68,6 @@ fn pair_row(found: &Crosscheck, pair: &Pair, at: &At) -> Markup {
     let [first, second] = names(found, pair);
     let level = 0.05 / found.candidates.len().max(1) as f64;
     let differ = || pair.differences.iter().filter(|difference| difference.sign_test < level);
-    let [early, middle, late] = pair.parted_after;
     let correlation = |value: &Option<Interval>, field: &str| match value {
         Some(value) => cell(value, SHARE_DIGITS, &at.then(field)),
         None => html! { td { "not defined" } },
@@ -82,9 +81,14 @@ fn pair_row(found: &Crosscheck, pair: &Pair, at: &At) -> Markup {
             (number_cell(pair.shared_best as f64, 0, &at.then("shared_best")))
             td { (differ().filter(|difference| difference.mean > 0.0).count()) }
             td { (differ().filter(|difference| difference.mean <= 0.0).count()) }
-            td {
-                (number(middle, 0, &parted.then(1))) " [" (number(early, 0, &parted.then(0))) ", "
-                (number(late, 0, &parted.then(2))) "]"
+            @match pair.parted_after {
+                None => { td { "never" } }
+                Some([early, middle, late]) => {
+                    td {
+                        (number(middle, 0, &parted.then(1))) " [" (number(early, 0, &parted.then(0))) ", "
+                        (number(late, 0, &parted.then(2))) "]"
+                    }
+                }
             }
         }
     }

@@ -207,7 +207,8 @@ fn crosscheck(sizes: Sizes) -> Crosscheck {
             differences: (0..sizes.candidates)
                 .map(|i| Difference { mean: noise(i), sign_test: 0.5 })
                 .collect(),
-            parted_after: [1.0, 2.0, 5.0],
+            parted: 0.9,
+            parted_after: Some([1.0, 2.0, 5.0]),
         }],
         robust: vec![3, 4],
         robust_scores: vec![11.5, 9.25],

@@ -16,7 +16,7 @@ pub fn section(sheet: &mut Sheet<'_>) -> Section {
     let sets: Vec<Markup> =
         run.report.sets.iter().enumerate().map(|(index, set)| of_set(sheet, set, &at.then(index))).collect();
     let body = html! {
-        p { "Each set's options, best first, by their figures in the held-out contexts." }
+        p { "Each set's options in the order of their scores when they were chosen; the other figures are from the held-out contexts." }
         @if run.experiments.is_none() { (sheet.absent("Plots of each option's returns are left out; they were", Part::Experiments)) }
         @for (set, markup) in run.report.sets.iter().zip(&sets) {
             h3 { (set.metric) }

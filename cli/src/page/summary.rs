@@ -23,8 +23,8 @@ pub fn section(sheet: &mut Sheet<'_>) -> Section {
         p.lead {
             "A " (report.robot) " in " (report.engine.name) " " (report.engine.version) ", seed " (report.seed) ": "
             (report.teachers.len()) " teachers and " (report.candidates.usable) " candidate options. "
-            "The infant agent picks one option of a set at random and runs it to its end. Everything below is from "
-            (report.starts.contexts) " held-out contexts, which chose nothing. Brackets hold "
+            "The infant agent picks one option of a set at random and runs it to its end. Unless said otherwise, what follows is "
+            "from " (report.starts.contexts) " held-out contexts, which chose nothing. Brackets hold "
             (percent(run.plan.report.confidence, 0)) " % intervals over contexts."
         }
         (plot)
