@@ -14,6 +14,7 @@
 
 pub mod behavior_cloning;
 mod demonstration;
+pub mod interest;
 pub mod kernels;
 mod load;
 pub mod mlp_policy;
