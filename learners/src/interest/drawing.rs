@@ -23,10 +23,12 @@ pub fn probabilities(log_interests: &[f64], probabilities: &mut [f64]) {
 /// When lengths differ or there is no such option.
 pub fn log_probability(log_interests: &[f64], option: usize, d_log_interests: &mut [f64]) -> f64 {
     probabilities(log_interests, d_log_interests);
-    let log_probability = d_log_interests[option].ln();
     d_log_interests.iter_mut().for_each(|d| *d = -*d);
     d_log_interests[option] += 1.0;
-    log_probability
+    // Not the logarithm of the share, which may have underflowed.
+    let greatest = log_interests.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = log_interests.iter().map(|z| (z - greatest).exp()).sum();
+    log_interests[option] - greatest - total.ln()
 }
 
 /// The option that a uniform number in [0, 1) picks.
@@ -80,6 +82,8 @@ mod tests {
         let mut derivatives = [0.0; 3];
         let log_probability = log_probability(&log_interests, 1, &mut derivatives);
         assert!((log_probability - 0.25_f64.ln()).abs() < 1e-15);
+        // An option that is never drawn still has a logarithm.
+        assert!((super::log_probability(&[0.0, -1000.0], 1, &mut [0.0; 2]) + 1000.0).abs() < 1e-12);
         for (got, expected) in derivatives.iter().zip([-0.125, 0.75, -0.625]) {
             assert!((got - expected).abs() < 1e-15, "{derivatives:?}");
         }
