@@ -32,3 +32,6 @@
 pub mod advantages;
 pub mod drawing;
 pub mod duration;
+mod policy;
+
+pub use policy::{FORMAT, InterestPolicy};
