@@ -28,10 +28,32 @@
 //!
 //! [`advantages`] estimates the three from rollouts with any critic; the log-probabilities of actions and of draws then
 //! go through [`crate::kernels::clipped_surrogate`], the ends through [`duration::clipped_end`].
+//!
+//! # Training
+//!
+//! [`train`] rolls out the infant agent in tasks from `P` and from starts from `d0`, always whole rollouts, and improves
+//! all parts by the clipped gradients, as PPO does. Returns are in units of their own deviation; the advantages of actions
+//! and of draws are scaled to deviation 1, which changes the size of a part's gradient and not its direction, while that
+//! of `ε` keeps its size: it stands against `λ φ`. Unless `discounted_visits` asks for the letter of `J`, all steps of a
+//! rollout count alike, as if its states were starts: then `Σ_s` of Eq. 6.1 is over the states that the agent meets.
 
 pub mod advantages;
+mod batch;
+mod config;
 pub mod drawing;
 pub mod duration;
+#[cfg(test)]
+mod gradient_test;
+mod learner;
 mod policy;
+mod practice;
+#[cfg(test)]
+mod tests;
+mod train;
+#[cfg(test)]
+mod worlds;
 
+pub use config::{Discounts, InterestConfig, LearningRates};
 pub use policy::{FORMAT, InterestPolicy};
+pub use practice::Practice;
+pub use train::{Learned, Point, train};

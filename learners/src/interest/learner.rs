@@ -1,0 +1,135 @@
+//! What training changes: `θ = [θ_I, θ_π, ε]` and the critic, each with its optimiser.
+
+use elo_core::seed::Seed;
+use elo_core::spec::SimulatorSpec;
+
+use super::config::{InterestConfig, LearningRates};
+use super::duration::Termination;
+use crate::nn::{Activations, Adam, Mlp, clip_grad_norm};
+
+/// A network with what its training needs.
+#[derive(Clone, Debug)]
+pub(super) struct Net {
+    /// The network.
+    pub network: Mlp,
+    activations: Activations,
+    /// Of the loss by the parameters.
+    pub gradient: Vec<f32>,
+    optimiser: Adam,
+}
+
+impl Net {
+    fn new(sizes: &[usize], output_gain: f32, seed: &Seed) -> Self {
+        let network = Mlp::orthogonal(sizes, output_gain, &mut seed.stream())
+            .expect("a valid config and spec have no width of zero");
+        let count = network.params().len();
+        let activations = network.activations();
+        Self { network, activations, gradient: vec![0.0; count], optimiser: Adam::new(count) }
+    }
+
+    /// The outputs for a batch.
+    pub fn forward(&mut self, inputs: &[f32]) -> &[f32] {
+        self.network.forward(inputs, &mut self.activations)
+    }
+
+    /// Keeps the gradient of a loss whose derivatives by the outputs of the last forward pass are `d_output`.
+    pub fn backward(&mut self, d_output: &[f32]) {
+        self.gradient.fill(0.0);
+        self.network.backward(&mut self.activations, d_output, &mut self.gradient);
+    }
+
+    /// The loss does not depend on this network.
+    pub fn no_gradient(&mut self) {
+        self.gradient.fill(0.0);
+    }
+
+    /// Descends along the gradient, which is cut to `max_norm`, and returns how long it was; there is no step along one
+    /// that is not finite.
+    fn descend(&mut self, rate: f64, max_norm: f64) -> f32 {
+        let norm = clip_grad_norm(&mut [&mut self.gradient], max_norm as f32);
+        if norm.is_finite() {
+            self.optimiser.step(self.network.params_mut(), &self.gradient, rate);
+        }
+        norm
+    }
+}
+
+/// `π_o`: a normal distribution around what a network says.
+#[derive(Clone, Debug)]
+pub(super) struct Policy {
+    /// Means of the actions.
+    pub means: Net,
+    /// Logarithms of their standard deviations.
+    pub log_std: Vec<f32>,
+    /// Of the loss by those.
+    pub log_std_gradient: Vec<f32>,
+    optimiser: Adam,
+}
+
+/// Everything that is learned, for `K` options.
+#[derive(Clone, Debug)]
+pub(super) struct Learner {
+    /// `π_o`, of the observation.
+    pub policies: Vec<Policy>,
+    /// `z_o = log I_o`, of the observation.
+    pub interests: Vec<Net>,
+    /// `Q(s,·|τ)`, `K` numbers, of the observation and the task.
+    pub critic: Net,
+    /// `ε`.
+    pub termination: Termination,
+    optimiser: Adam,
+}
+
+impl Learner {
+    /// Before any training, for tasks of that many features: all options nearly alike, interests all nearly 1.
+    pub fn new(config: &InterestConfig, spec: &SimulatorSpec, task_features: usize, seed: &Seed) -> Self {
+        let (inputs, actions) = (spec.observation_size, spec.action_size());
+        let numbers = 0..config.options as u64;
+        let policy = |number: u64| Policy {
+            means: Net::new(&config.sizes(inputs, actions), 0.01, &seed.child("policy").index(number)),
+            log_std: vec![config.initial_log_std as f32; actions],
+            log_std_gradient: vec![0.0; actions],
+            optimiser: Adam::new(actions),
+        };
+        // Exactly 1 where interests are not learned: then options are drawn uniformly.
+        let gain = if config.learning_rates.interests > 0.0 { 0.01 } else { 0.0 };
+        let interest =
+            |number: u64| Net::new(&config.sizes(inputs, 1), gain, &seed.child("interest").index(number));
+        let critic = config.sizes(inputs + task_features, config.options);
+        Self {
+            policies: numbers.clone().map(policy).collect(),
+            interests: numbers.map(interest).collect(),
+            critic: Net::new(&critic, 1.0, &seed.child("critic")),
+            termination: Termination::lasting(config.initial_continuations),
+            optimiser: Adam::new(1),
+        }
+    }
+
+    /// `K`.
+    pub fn options(&self) -> usize {
+        self.policies.len()
+    }
+
+    /// Descends along the gradients that the networks keep. The error says which is not finite.
+    pub fn descend(&mut self, rates: LearningRates, max_norm: f64) -> Result<(), String> {
+        let finite = |part: &str, norm: f32| {
+            if norm.is_finite() { Ok(()) } else { Err(format!("the gradient of {part} is {norm}")) }
+        };
+        for Policy { means, log_std, log_std_gradient, optimiser } in &mut self.policies {
+            finite("a policy", means.descend(rates.policies, max_norm))?;
+            finite("a log standard deviation", clip_grad_norm(&mut [log_std_gradient], max_norm as f32))?;
+            optimiser.step(log_std, log_std_gradient, rates.policies);
+        }
+        for interest in &mut self.interests {
+            finite("an interest", interest.descend(rates.interests, max_norm))?;
+        }
+        finite("the critic", self.critic.descend(rates.critic, max_norm))
+    }
+
+    /// Ascends along `dJ/dx`, `x` the logit of `ε`.
+    pub fn ascend_termination(&mut self, gradient: f64, rate: f64) {
+        let mut logit = [self.termination.logit as f32];
+        self.optimiser.step(&mut logit, &[-gradient as f32], rate);
+        self.termination.logit = f64::from(logit[0]);
+    }
+}
