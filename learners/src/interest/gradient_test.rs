@@ -88,7 +88,8 @@ fn objective(theta: &[f64]) -> f64 {
 
 /// One iteration's estimate of `∇J`, in the layout of [`flat`], from the gradients that the networks are left with.
 fn estimate(training: &mut Training<'_>, iteration: u64) -> Vec<f64> {
-    let mut experience = training.collect(iteration).unwrap();
+    training.record.iteration = iteration;
+    let mut experience = training.collect().unwrap();
     training.estimate_advantages(&mut experience);
     let weights = training.weights(&experience);
     let signals = Signals::new(&experience, &weights);

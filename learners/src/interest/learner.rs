@@ -52,6 +52,10 @@ impl Net {
         }
         norm
     }
+
+    fn part(&mut self, name: String) -> Part<'_> {
+        Part { name, params: self.network.params_mut(), optimiser: &mut self.optimiser }
+    }
 }
 
 /// `π_o`: a normal distribution around what a network says.
@@ -64,6 +68,16 @@ pub(super) struct Policy {
     /// Of the loss by those.
     pub log_std_gradient: Vec<f32>,
     optimiser: Adam,
+}
+
+/// Some parameters and their optimiser, for checkpoints.
+pub(super) struct Part<'a> {
+    /// What they are called.
+    pub name: String,
+    /// The parameters.
+    pub params: &'a mut [f32],
+    /// What changes them.
+    pub optimiser: &'a mut Adam,
 }
 
 /// Everything that is learned, for `K` options.
@@ -124,6 +138,19 @@ impl Learner {
             finite("an interest", interest.descend(rates.interests, max_norm))?;
         }
         finite("the critic", self.critic.descend(rates.critic, max_norm))
+    }
+
+    /// All of it, in a fixed order. The logit of `ε` is [`Self::termination`]; its part is the optimiser alone.
+    pub fn parts(&mut self) -> Vec<Part<'_>> {
+        let mut parts = Vec::new();
+        for (o, Policy { means, log_std, optimiser, .. }) in self.policies.iter_mut().enumerate() {
+            parts.push(means.part(format!("policy{o}")));
+            parts.push(Part { name: format!("log_std{o}"), params: log_std, optimiser });
+        }
+        parts.extend(self.interests.iter_mut().enumerate().map(|(o, net)| net.part(format!("interest{o}"))));
+        parts.push(self.critic.part("critic".to_owned()));
+        parts.push(Part { name: "logit".to_owned(), params: &mut [], optimiser: &mut self.optimiser });
+        parts
     }
 
     /// Ascends along `dJ/dx`, `x` the logit of `ε`.

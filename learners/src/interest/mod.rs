@@ -39,6 +39,7 @@
 
 pub mod advantages;
 mod batch;
+mod checkpoint;
 mod config;
 pub mod drawing;
 pub mod duration;

@@ -4,14 +4,15 @@
 
 use elo_core::agent::{Agent as _, InfantAgent};
 use elo_core::context::InitialStates;
-use elo_core::policy::{OptionPolicy, Unwatched};
-use elo_core::seed::Seed;
+use elo_core::policy::{OptionPolicy, PolicyRecord, Unwatched};
+use elo_core::seed::{Seed, Stream};
 use elo_core::simulator::{SimulatorConfig as _, Start};
 use elo_core::task::{Range, Task, TaskDistribution};
 
 use super::config::{Discounts, InterestConfig, LearningRates};
 use super::duration::Band;
 use super::learner::Learner;
+use super::policy::InterestPolicy;
 use super::practice::Practice;
 use super::train::{Learned, Training, train};
 use super::worlds::World;
@@ -54,8 +55,8 @@ fn trained(config: &InterestConfig, world: World, seed: u64, prepare: impl Fn(&m
     };
     let mut training = Training::new(config, &practice).unwrap();
     prepare(&mut training.learner);
-    for iteration in 0..config.iterations {
-        training.iterate(iteration).unwrap();
+    for _ in 0..config.iterations {
+        training.iterate().unwrap();
     }
     training.finish()
 }
@@ -77,8 +78,12 @@ fn sure_interests(learner: &mut Learner) {
 /// The infant agent's mean reward a step, in the task that pays 1; and its actions.
 fn played(learned: &Learned, world: World, steps: u64) -> (f64, Vec<f32>) {
     let options: Vec<&dyn OptionPolicy> = learned.options.iter().map(|option| option as _).collect();
+    played_by(&options, world, steps)
+}
+
+fn played_by(options: &[&dyn OptionPolicy], world: World, steps: u64) -> (f64, Vec<f32>) {
     let mut simulator = world.build().unwrap();
-    let mut agent = InfantAgent::new(&options, &world.spec().unwrap());
+    let mut agent = InfantAgent::new(options, &world.spec().unwrap());
     let mut noise = Seed::root(77).stream();
     let (mut observation, mut action, mut terms) = ([0.0; 2], [0.0], [0.0]);
     simulator.reset(&Task::default(), &Start::Seed(5), &mut observation).unwrap();
@@ -91,6 +96,22 @@ fn played(learned: &Learned, world: World, steps: u64) -> (f64, Vec<f32>) {
         actions.push(action[0]);
     }
     (total / steps as f64, actions)
+}
+
+/// An option without an initiation set, otherwise as the one within.
+#[derive(Debug)]
+struct Anywhere<'a>(&'a InterestPolicy);
+
+impl OptionPolicy for Anywhere<'_> {
+    fn act(&self, observation: &[f32], elapsed: usize, noise: &mut Stream, action: &mut [f32]) {
+        self.0.act(observation, elapsed, noise, action);
+    }
+    fn termination(&self, observation: &[f32], elapsed: usize) -> f64 {
+        self.0.termination(observation, elapsed)
+    }
+    fn record(&self) -> PolicyRecord {
+        self.0.record()
+    }
 }
 
 /// `I_0 / I_1` in both states.
@@ -178,6 +199,23 @@ fn options_last_as_long_as_their_termination_says() {
     let changes = actions.windows(2).filter(|pair| (pair[0] > 0.0) != (pair[1] > 0.0)).count() as f64;
     let mean = 100_000.0 / (changes + 1.0);
     assert!((mean - 10.0).abs() < 4.0 * 9.5 / changes.sqrt(), "{mean}");
+}
+
+#[test]
+fn interests_that_are_not_learned_are_those_of_the_uniform_agent() {
+    let rates = LearningRates { interests: 0.0, policies: 0.03, ..tables().learning_rates };
+    let config = InterestConfig { learning_rates: rates, iterations: 5, hidden: vec![4], ..tables() };
+    let played_anywhere = |learned: &Learned| {
+        let anywhere: Vec<Anywhere<'_>> = learned.options.iter().map(Anywhere).collect();
+        let anywhere: Vec<&dyn OptionPolicy> = anywhere.iter().map(|option| option as _).collect();
+        played_by(&anywhere, World::Hot, 1000)
+    };
+    let learned = trained(&config, World::Hot, 1, |_| {});
+    assert_eq!(played(&learned, World::Hot, 1000), played_anywhere(&learned));
+    // Learned ones make another agent.
+    let rates = LearningRates { interests: 0.03, ..rates };
+    let learned = trained(&InterestConfig { learning_rates: rates, ..config }, World::Hot, 1, |_| {});
+    assert_ne!(played(&learned, World::Hot, 1000), played_anywhere(&learned));
 }
 
 #[test]

@@ -7,6 +7,7 @@ use elo_core::simulator::{Simulator, SimulatorError};
 use elo_core::spec::SimulatorSpec;
 use elo_core::task::Task;
 use rand::seq::SliceRandom as _;
+use serde::{Deserialize, Serialize};
 
 use super::advantages::{Advantages, advantages, value_target};
 use super::batch::Batch;
@@ -22,7 +23,7 @@ use crate::normalized_mlp::NormalizedMlp;
 use crate::ppo::environment::Tally;
 
 /// A set of options, learned together.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Learned {
     /// The options; the infant agent draws them by their interests.
     pub options: Vec<InterestPolicy>,
@@ -31,7 +32,8 @@ pub struct Learned {
 }
 
 /// One iteration of a training.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Point {
     /// Mean undiscounted return of the rollouts.
     pub mean_return: f64,
@@ -51,10 +53,19 @@ pub fn train(
     monitor: &mut dyn Monitor,
 ) -> Result<Learned, TrainError> {
     let mut training = Training::new(config, practice)?;
-    for iteration in 0..config.iterations {
-        training.iterate(iteration)?;
+    if let Some(bytes) = monitor.resume() {
+        training.restore(&bytes)?;
+    }
+    while training.record.iteration < config.iterations {
+        training.iterate()?;
+        let done = training.record.iteration;
         let steps = config.rollouts * config.rollout_steps as u64;
-        monitor.progress((iteration + 1) * steps, config.iterations * steps)?;
+        monitor.progress(done * steps, config.iterations * steps)?;
+        if done < config.iterations && done.is_multiple_of(config.checkpoint_every) {
+            let bytes = training.checkpoint();
+            monitor.checkpoint(&bytes)?;
+            training.restore(&bytes)?;
+        }
     }
     Ok(training.finish())
 }
@@ -67,9 +78,23 @@ pub(super) struct Training<'a> {
     spec: SimulatorSpec,
     /// What is being trained.
     pub learner: Learner,
+    /// How far it is, and what was seen.
+    pub record: Record,
+}
+
+/// The part of a training that is no network.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Record {
+    /// Iterations done.
+    pub iteration: u64,
+    /// Of all observations acted on.
     moments: RunningMoments,
+    /// Scale of the rewards.
     scaler: ReturnScaler,
+    /// Counts.
     tally: Tally,
+    /// One point an iteration.
     curve: Vec<Point>,
 }
 
@@ -86,10 +111,13 @@ impl<'a> Training<'a> {
         let features = practice.tasks.names().count();
         Ok(Self {
             learner: Learner::new(config, &spec, features, &practice.seed),
-            moments: RunningMoments::new(spec.observation_size),
-            scaler: ReturnScaler::new(1, config.discount.gamma),
-            tally: Tally::default(),
-            curve: Vec::new(),
+            record: Record {
+                iteration: 0,
+                moments: RunningMoments::new(spec.observation_size),
+                scaler: ReturnScaler::new(1, config.discount.gamma),
+                tally: Tally::default(),
+                curve: Vec::new(),
+            },
             config,
             practice,
             simulator,
@@ -98,19 +126,22 @@ impl<'a> Training<'a> {
     }
 
     /// One improvement, `θ_k → θ_{k+1}`.
-    pub fn iterate(&mut self, iteration: u64) -> Result<(), TrainError> {
-        let mut experience = self.collect(iteration)?;
+    pub fn iterate(&mut self) -> Result<(), TrainError> {
+        let mut experience = self.collect()?;
         self.log(&experience);
         self.scale_rewards(&mut experience);
         self.estimate_advantages(&mut experience);
-        self.improve(&experience, iteration)
-            .map_err(|reason| TrainError::Diverged { steps: self.tally.steps, reason })
+        self.improve(&experience)
+            .map_err(|reason| TrainError::Diverged { steps: self.record.tally.steps, reason })?;
+        self.record.iteration += 1;
+        Ok(())
     }
 
     /// Rolls out the infant agent in tasks drawn from `P`, from starts drawn from `d0`.
-    pub fn collect(&mut self, iteration: u64) -> Result<Experience, TrainError> {
+    pub fn collect(&mut self) -> Result<Experience, TrainError> {
+        let iteration = self.record.iteration;
         let mut experience = Experience::default();
-        let normalizer = self.moments.normalizer();
+        let normalizer = self.record.moments.normalizer();
         for rollout in 0..self.config.rollouts {
             let seed = self.practice.seed.child("rollouts").index(iteration).index(rollout);
             let task = self.practice.tasks.draw(&mut seed.child("task").stream());
@@ -121,12 +152,12 @@ impl<'a> Training<'a> {
                 max_steps: self.config.rollout_steps,
                 gamma: self.config.discount.gamma,
             };
-            self.tally.episodes += 1;
+            self.record.tally.episodes += 1;
             let begun = self.begin(&task, &seed.child("start"));
             let mut infant = Infant {
                 learner: &self.learner,
                 normalizer: &normalizer,
-                moments: &mut self.moments,
+                moments: &mut self.record.moments,
                 experience: &mut experience,
                 scratch: Scratch::default(),
             };
@@ -135,10 +166,10 @@ impl<'a> Training<'a> {
                 infant.roll_out(self.simulator.as_mut(), observation, &episode, noise)
             });
             if let Err(error) = rolled {
-                self.tally.fail(&error)?;
+                self.record.tally.fail(&error)?;
             }
         }
-        self.tally.steps += experience.steps.len() as u64;
+        self.record.tally.steps += experience.steps.len() as u64;
         if experience.steps.is_empty() {
             return Err(TrainError::Other(
                 "the simulator failed in the first step of all rollouts".to_owned(),
@@ -171,12 +202,12 @@ impl<'a> Training<'a> {
     /// Divides rewards by the deviation of the discounted returns seen so far.
     fn scale_rewards(&mut self, experience: &mut Experience) {
         for step in &experience.steps {
-            self.scaler.scale(0, step.reward);
+            self.record.scaler.scale(0, step.reward);
             if step.last {
-                self.scaler.end_episode(0);
+                self.record.scaler.end_episode(0);
             }
         }
-        let factor = self.scaler.factor();
+        let factor = self.record.scaler.factor();
         experience.steps.iter_mut().for_each(|step| step.reward *= factor);
     }
 
@@ -188,8 +219,9 @@ impl<'a> Training<'a> {
     }
 
     /// Epochs of gradient steps on shuffled minibatches, and after each one on `ε`. The error says why it cannot go on.
-    fn improve(&mut self, experience: &Experience, iteration: u64) -> Result<(), String> {
+    fn improve(&mut self, experience: &Experience) -> Result<(), String> {
         let config = self.config;
+        let iteration = self.record.iteration;
         let rates = config.rates(iteration);
         let weights = self.weights(experience);
         let worth = self.worth_of_ending(experience, &weights);
@@ -243,7 +275,7 @@ impl<'a> Training<'a> {
         let rollouts = experience.steps.iter().filter(|step| step.last).count() as f64;
         let total: f64 = experience.steps.iter().map(|step| step.reward).sum();
         let termination = self.learner.termination;
-        self.curve.push(Point {
+        self.record.curve.push(Point {
             mean_return: total / rollouts,
             actions: 1.0 / termination.probability(),
             continuations: termination.continuations(),
@@ -252,7 +284,7 @@ impl<'a> Training<'a> {
 
     /// What came of it.
     pub fn finish(self) -> Learned {
-        let normalizer = self.moments.normalizer();
+        let normalizer = self.record.moments.normalizer();
         let Learner { policies, interests, termination, .. } = self.learner;
         let network = |network| NormalizedMlp::new(normalizer.clone(), network);
         let option = |(policy, interest): (Policy, Net)| InterestPolicy {
@@ -261,7 +293,10 @@ impl<'a> Training<'a> {
             log_interest: network(interest.network),
             ending: termination.probability() as f32,
         };
-        Learned { options: policies.into_iter().zip(interests).map(option).collect(), curve: self.curve }
+        Learned {
+            options: policies.into_iter().zip(interests).map(option).collect(),
+            curve: self.record.curve,
+        }
     }
 }
 
