@@ -7,6 +7,9 @@ use super::config::{InterestConfig, LearningRates};
 use super::duration::Termination;
 use crate::nn::{Activations, Adam, Mlp, clip_grad_norm};
 
+/// Policies whose log standard deviation leaves this range no longer explore, or no longer aim.
+const LOG_STD_RANGE: std::ops::RangeInclusive<f32> = -8.0..=3.0;
+
 /// A network with what its training needs.
 #[derive(Clone, Debug)]
 pub(super) struct Net {
@@ -140,6 +143,14 @@ impl Learner {
         finite("the critic", self.critic.descend(rates.critic, max_norm))
     }
 
+    /// Why this is nothing to go on with.
+    pub fn divergence(&self) -> Option<String> {
+        let mut log_stds = self.policies.iter().flat_map(|policy| &policy.log_std);
+        let log_std = log_stds.find(|log_std| !LOG_STD_RANGE.contains(*log_std))?;
+        let (low, high) = (LOG_STD_RANGE.start(), LOG_STD_RANGE.end());
+        Some(format!("a log standard deviation of a policy is {log_std}, outside {low} to {high}"))
+    }
+
     /// All of it, in a fixed order. The logit of `ε` is [`Self::termination`]; its part is the optimiser alone.
     pub fn parts(&mut self) -> Vec<Part<'_>> {
         let mut parts = Vec::new();
@@ -158,5 +169,37 @@ impl Learner {
         let mut logit = [self.termination.logit as f32];
         self.optimiser.step(&mut logit, &[-gradient as f32], rate);
         self.termination.logit = f64::from(logit[0]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use elo_core::conformance::point_mass::PointMassConfig;
+
+    use super::*;
+
+    fn learner() -> Learner {
+        let spec = PointMassConfig::default().description();
+        Learner::new(&InterestConfig::default(), &spec, 0, &Seed::root(1))
+    }
+
+    #[test]
+    fn policies_that_no_longer_explore_or_aim_are_named() {
+        assert_eq!(learner().divergence(), None);
+        for log_std in [-9.0, 3.5, f32::NAN] {
+            let mut spoilt = learner();
+            spoilt.policies[2].log_std[0] = log_std;
+            assert!(spoilt.divergence().is_some_and(|reason| reason.contains("standard deviation")));
+        }
+    }
+
+    #[test]
+    fn gradients_that_are_not_finite_are_not_followed() {
+        let mut spoilt = learner();
+        spoilt.interests[1].gradient[0] = f32::NAN;
+        let before = spoilt.interests[1].network.clone();
+        let error = spoilt.descend(LearningRates::default(), 0.5);
+        assert_eq!(error, Err("the gradient of an interest is NaN".to_owned()));
+        assert_eq!(spoilt.interests[1].network, before);
     }
 }

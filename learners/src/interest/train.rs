@@ -245,7 +245,7 @@ impl<'a> Training<'a> {
             }
             self.learner.ascend_termination(gradient, rates.termination);
         }
-        Ok(())
+        self.learner.divergence().map_or(Ok(()), Err)
     }
 
     /// `dJ/dx = Σ_t w_t γ ε(1 − ε) A_end(t) − λ dφ/dx`, in the mean over rollouts; the first part clipped.
