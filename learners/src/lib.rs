@@ -4,6 +4,9 @@
 //! [`nn`] holds the small networks and their optimiser; [`kernels`] the formulas of the losses and estimates, as pure
 //! functions, each with a test whose numbers are worked out by hand.
 //!
+//! [`interest`] learns sets of closed-loop options from a simulator, for programs that call it; configs cannot choose it
+//! yet, because an [`elo_core::policy::OptionLearner`] learns one option from one recording.
+//!
 //! # Adding a learner
 //!
 //! Write a config struct that implements [`elo_core::policy::TeacherConfig`] or [`elo_core::policy::OptionLearner`] in
@@ -14,6 +17,7 @@
 
 pub mod behavior_cloning;
 mod demonstration;
+pub mod interest;
 pub mod kernels;
 mod load;
 pub mod mlp_policy;

@@ -73,7 +73,7 @@ pub(super) fn draw_starts(
 /// Counts of a whole training.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Tally {
+pub(crate) struct Tally {
     /// Control steps taken that can be learned from.
     pub steps: u64,
     /// Episodes begun.
@@ -88,7 +88,7 @@ impl Tally {
     /// # Errors
     /// [`TrainError::Diverged`] when more than one episode in a hundred failed, and at least [`FORGIVEN_FAILURES`];
     /// [`TrainError::Other`] for errors that every episode would meet.
-    fn fail(&mut self, error: &SimulatorError) -> Result<(), TrainError> {
+    pub fn fail(&mut self, error: &SimulatorError) -> Result<(), TrainError> {
         match error {
             SimulatorError::Unstable(_) | SimulatorError::Engine(_) | SimulatorError::Start(_) => {}
             SimulatorError::NonFiniteAction { .. } => {
@@ -252,7 +252,7 @@ impl Environment {
     }
 }
 
-fn check_finite(observation: &[f32], terms: &[f64]) -> Result<(), SimulatorError> {
+pub(crate) fn check_finite(observation: &[f32], terms: &[f64]) -> Result<(), SimulatorError> {
     if observation.iter().all(|x| x.is_finite()) && terms.iter().all(|x| x.is_finite()) {
         Ok(())
     } else {

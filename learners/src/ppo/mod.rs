@@ -6,7 +6,7 @@
 
 mod checkpoint;
 mod config;
-mod environment;
+pub(crate) mod environment;
 mod experience;
 mod learner;
 mod policy;

@@ -1,0 +1,230 @@
+//! What a user may set.
+
+use elo_core::fault::Faults;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::duration::Band;
+use crate::kernels::gae::Discount;
+
+/// Closed-loop options with interests and a learned duration, learned together from rollouts of the infant agent (Weber
+/// et al. 2019, §6.2).
+///
+/// Costs about 20 µs of computation a step beside the simulator, at the default sizes on one core.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct InterestConfig {
+    /// `K`, the number of options.
+    #[schemars(range(min = 1, max = 1000))]
+    pub options: usize,
+    /// How often options may continue on average without a cost: `[ρ_min, ρ_max]`.
+    pub continuations: Band,
+    /// `λ` of Eq. 6.1, per squared continuation; returns are in units of the deviation that discounted returns have.
+    #[schemars(range(min = 0.0))]
+    pub duration_weight: f64,
+    /// How often options continue on average before any training; must be positive.
+    pub initial_continuations: f64,
+    /// Changes of the options.
+    #[schemars(range(min = 1))]
+    pub iterations: u64,
+    /// Rollouts between two changes, each in a task and from a start of its own.
+    #[schemars(range(min = 1, max = 100_000))]
+    pub rollouts: u64,
+    /// Control steps of a rollout, if it does not end earlier.
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub rollout_steps: usize,
+    /// Passes over the steps of one iteration.
+    #[schemars(range(min = 1, max = 1000))]
+    pub epochs: usize,
+    /// Steps whose mean loss one gradient step descends.
+    #[schemars(range(min = 1))]
+    pub minibatch: usize,
+    /// Adam's step sizes at the beginning; they fall linearly to zero.
+    pub learning_rates: LearningRates,
+    /// How far the probability of a decision may move in one iteration before there is no reward for moving it further.
+    /// Between 0 and 1, both excluded.
+    pub clip: f64,
+    /// `γ` and `λ` of the advantages.
+    pub discount: Discounts,
+    /// Whether step `t` of a rollout counts `γ^t`, as in the gradient of `J` to the letter. Otherwise all steps count alike,
+    /// as if every state that is met were a start.
+    pub discounted_visits: bool,
+    /// Gradients of a network that are longer are scaled down to this; must be positive.
+    pub max_grad_norm: f64,
+    /// Widths of the hidden layers of all networks.
+    pub hidden: Vec<usize>,
+    /// Natural logarithm of the action noise's standard deviation at the beginning, in units of the action.
+    #[schemars(range(min = -5.0, max = 1.0))]
+    pub initial_log_std: f64,
+    /// Iterations between checkpoints. Changes no result.
+    #[schemars(range(min = 1))]
+    pub checkpoint_every: u64,
+}
+
+/// See [`InterestConfig::learning_rates`]. A part whose rate is 0 stays as it begins.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LearningRates {
+    /// Of the option policies.
+    #[schemars(range(min = 0.0))]
+    pub policies: f64,
+    /// Of the interests; with 0 options are drawn uniformly.
+    #[schemars(range(min = 0.0))]
+    pub interests: f64,
+    /// Of the logit of `ε`; with 0 options last as long as `initial_continuations` says.
+    #[schemars(range(min = 0.0))]
+    pub termination: f64,
+    /// Of the critic.
+    #[schemars(range(min = 0.0))]
+    pub critic: f64,
+}
+
+/// See [`InterestConfig::discount`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Discounts {
+    /// `γ`, the discount of rewards per control step.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub gamma: f64,
+    /// `λ` of generalised advantage estimation: 0 trusts the critic, 1 the rewards to the rollout's end.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub gae_lambda: f64,
+}
+
+impl Default for InterestConfig {
+    fn default() -> Self {
+        Self {
+            options: 4,
+            continuations: Band { low: 5.0, high: 50.0 },
+            duration_weight: 0.1,
+            initial_continuations: 10.0,
+            iterations: 500,
+            rollouts: 16,
+            rollout_steps: 200,
+            epochs: 10,
+            minibatch: 64,
+            learning_rates: LearningRates::default(),
+            clip: 0.2,
+            discount: Discounts::default(),
+            discounted_visits: false,
+            max_grad_norm: 0.5,
+            hidden: vec![64, 64],
+            initial_log_std: 0.0,
+            checkpoint_every: 20,
+        }
+    }
+}
+
+impl Default for LearningRates {
+    fn default() -> Self {
+        Self { policies: 3e-4, interests: 3e-4, termination: 0.01, critic: 3e-4 }
+    }
+}
+
+impl Default for Discounts {
+    fn default() -> Self {
+        Self { gamma: 0.98, gae_lambda: 0.95 }
+    }
+}
+
+impl From<Discounts> for Discount {
+    fn from(Discounts { gamma, gae_lambda }: Discounts) -> Self {
+        Self { gamma, lambda: gae_lambda }
+    }
+}
+
+impl InterestConfig {
+    /// Finds every fault of the fields.
+    pub fn validate(&self, faults: &mut Faults) {
+        let counts = [
+            ("options", self.options as u64),
+            ("iterations", self.iterations),
+            ("rollouts", self.rollouts),
+            ("rollout_steps", self.rollout_steps as u64),
+            ("epochs", self.epochs as u64),
+            ("minibatch", self.minibatch as u64),
+            ("checkpoint_every", self.checkpoint_every),
+        ];
+        for (field, count) in counts {
+            faults.check(count > 0, field, || "expected at least 1, got 0".to_owned());
+        }
+        let Band { low, high } = self.continuations;
+        faults.check(low > 0.0 && low <= high && high.is_finite(), "continuations", || {
+            format!("expected 0 < low <= high, got low = {low} and high = {high}")
+        });
+        let positive =
+            [("initial_continuations", self.initial_continuations), ("max_grad_norm", self.max_grad_norm)];
+        for (field, value) in positive {
+            faults.check(value > 0.0 && value.is_finite(), field, || {
+                format!("expected a positive number, got {value}")
+            });
+        }
+        let LearningRates { policies, interests, termination, critic } = self.learning_rates;
+        let not_negative = [
+            ("duration_weight", self.duration_weight),
+            ("learning_rates.policies", policies),
+            ("learning_rates.interests", interests),
+            ("learning_rates.termination", termination),
+            ("learning_rates.critic", critic),
+        ];
+        for (field, value) in not_negative {
+            faults.check(value >= 0.0 && value.is_finite(), field, || {
+                format!("expected 0 or more, got {value}")
+            });
+        }
+        faults.check(self.clip > 0.0 && self.clip < 1.0, "clip", || {
+            format!("expected a number between 0 and 1, got {}", self.clip)
+        });
+        for (field, value) in
+            [("discount.gamma", self.discount.gamma), ("discount.gae_lambda", self.discount.gae_lambda)]
+        {
+            faults.check((0.0..=1.0).contains(&value), field, || format!("expected 0 to 1, got {value}"));
+        }
+        faults.check(!self.hidden.contains(&0), "hidden", || "a hidden layer of width 0".to_owned());
+        faults.check((-5.0..=1.0).contains(&self.initial_log_std), "initial_log_std", || {
+            format!("expected -5 to 1, got {}", self.initial_log_std)
+        });
+    }
+
+    /// The learning rates of an iteration.
+    pub(super) fn rates(&self, iteration: u64) -> LearningRates {
+        let left = 1.0 - iteration as f64 / self.iterations as f64;
+        let LearningRates { policies, interests, termination, critic } = self.learning_rates;
+        LearningRates {
+            policies: policies * left,
+            interests: interests * left,
+            termination: termination * left,
+            critic: critic * left,
+        }
+    }
+
+    /// Widths of a network from `inputs` to `outputs`.
+    pub(super) fn sizes(&self, inputs: usize, outputs: usize) -> Vec<usize> {
+        [&[inputs][..], &self.hidden, &[outputs]].concat()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_is_found() {
+        let mut faults = Faults::new();
+        InterestConfig::default().validate(&mut faults);
+        assert!(faults.found().is_empty(), "{:?}", faults.found());
+        let config = InterestConfig {
+            options: 0,
+            continuations: Band { low: 6.0, high: 5.0 },
+            duration_weight: f64::NAN,
+            initial_continuations: 0.0,
+            clip: 1.0,
+            discount: Discounts { gamma: 1.1, gae_lambda: 0.5 },
+            hidden: vec![3, 0],
+            initial_log_std: 2.0,
+            ..InterestConfig::default()
+        };
+        config.validate(&mut faults);
+        assert_eq!(faults.found().len(), 8, "{:?}", faults.found());
+    }
+}

@@ -1,0 +1,113 @@
+//! Which option is begun where: `π_I(o|s) = I_o(s) / Σ_o' I_o'(s)` (Eq. 6.3), for interests `I_o = exp z_o`.
+//!
+//! Interests are given as logarithms, which is what networks compute: so they are positive, and nothing overflows.
+
+/// Writes `π_I(·|s)` for the log-interests `z` of one state; both of length `K`.
+///
+/// # Panics
+/// When lengths differ.
+pub fn probabilities(log_interests: &[f64], probabilities: &mut [f64]) {
+    assert_eq!(probabilities.len(), log_interests.len(), "probabilities of options");
+    let greatest = log_interests.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    for (p, z) in probabilities.iter_mut().zip(log_interests) {
+        *p = (z - greatest).exp();
+    }
+    let total: f64 = probabilities.iter().sum();
+    probabilities.iter_mut().for_each(|p| *p /= total);
+}
+
+/// `log π_I(o|s)`, and writes its derivatives by the log-interests, `1[o' = o] − π_I(o'|s)`. (By the interests
+/// themselves they are `1[o' = o] / I_o − 1 / Σ I`: the same over `I_o'`.)
+///
+/// # Panics
+/// When lengths differ or there is no such option.
+pub fn log_probability(log_interests: &[f64], option: usize, d_log_interests: &mut [f64]) -> f64 {
+    probabilities(log_interests, d_log_interests);
+    d_log_interests.iter_mut().for_each(|d| *d = -*d);
+    d_log_interests[option] += 1.0;
+    // Not the logarithm of the share, which may have underflowed.
+    let greatest = log_interests.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = log_interests.iter().map(|z| (z - greatest).exp()).sum();
+    log_interests[option] - greatest - total.ln()
+}
+
+/// The option that a uniform number in [0, 1) picks.
+pub fn pick(probabilities: &[f64], uniform: f64) -> usize {
+    let mut left = uniform;
+    for (option, probability) in probabilities.iter().enumerate() {
+        left -= probability;
+        if left < 0.0 {
+            return option;
+        }
+    }
+    probabilities.len() - 1
+}
+
+/// `V(s) = Σ_o π_I(o|s) Q(s,o)`.
+///
+/// # Panics
+/// When lengths differ.
+pub fn state_value(probabilities: &[f64], option_values: &[f64]) -> f64 {
+    assert_eq!(option_values.len(), probabilities.len(), "values of options");
+    probabilities.iter().zip(option_values).map(|(p, q)| p * q).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nn::reference;
+
+    #[test]
+    fn probabilities_are_shares_of_the_interest() {
+        // I = 1, 2, 5: shares 1/8, 2/8, 5/8; Q = 8, 4, −8: V = 1 + 1 − 5 = −3.
+        let log_interests = [1.0_f64, 2.0, 5.0].map(f64::ln);
+        let mut shares = [0.0; 3];
+        probabilities(&log_interests, &mut shares);
+        for (share, expected) in shares.iter().zip([0.125, 0.25, 0.625]) {
+            assert!((share - expected).abs() < 1e-15, "{shares:?}");
+        }
+        assert!((state_value(&shares, &[8.0, 4.0, -8.0]) + 3.0).abs() < 1e-14);
+        // A common factor of all interests, even one beyond every float, changes nothing.
+        let mut scaled = [0.0; 3];
+        probabilities(&log_interests.map(|z| z + 1000.0), &mut scaled);
+        for (a, b) in scaled.iter().zip(shares) {
+            assert!((a - b).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_gradient_of_a_log_probability_is_that_worked_out_by_hand() {
+        // I = 1, 2, 5, option 1: log ¼; derivatives 0 − 1/8, 1 − 1/4, 0 − 5/8.
+        let log_interests = [1.0_f64, 2.0, 5.0].map(f64::ln);
+        let mut derivatives = [0.0; 3];
+        let log_probability = log_probability(&log_interests, 1, &mut derivatives);
+        assert!((log_probability - 0.25_f64.ln()).abs() < 1e-15);
+        // An option that is never drawn still has a logarithm.
+        assert!((super::log_probability(&[0.0, -1000.0], 1, &mut [0.0; 2]) + 1000.0).abs() < 1e-12);
+        for (got, expected) in derivatives.iter().zip([-0.125, 0.75, -0.625]) {
+            assert!((got - expected).abs() < 1e-15, "{derivatives:?}");
+        }
+    }
+
+    #[test]
+    fn the_gradient_agrees_with_finite_differences() {
+        let point = [0.3, -1.2, 0.8, 2.0];
+        for option in 0..4 {
+            let mut derivatives = [0.0; 4];
+            log_probability(&point, option, &mut derivatives);
+            let exact =
+                reference::differences(&point, &[0, 1, 2, 3], |z| log_probability(z, option, &mut [0.0; 4]));
+            for (got, expected) in derivatives.iter().zip(exact) {
+                assert!((got - expected).abs() < 1e-9, "{got} against {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn uniform_numbers_pick_by_share() {
+        let shares = [0.25, 0.0, 0.75];
+        assert_eq!([0.0, 0.24, 0.25, 0.999_999].map(|u| pick(&shares, u)), [0, 0, 2, 2]);
+        // Shares that add up to a little less than one leave the rest to the last.
+        assert_eq!(pick(&[0.5, 0.499], 0.9999), 1);
+    }
+}

@@ -1,0 +1,205 @@
+//! What training changes: `θ = [θ_I, θ_π, ε]` and the critic, each with its optimiser.
+
+use elo_core::seed::Seed;
+use elo_core::spec::SimulatorSpec;
+
+use super::config::{InterestConfig, LearningRates};
+use super::duration::Termination;
+use crate::nn::{Activations, Adam, Mlp, clip_grad_norm};
+
+/// Policies whose log standard deviation leaves this range no longer explore, or no longer aim.
+const LOG_STD_RANGE: std::ops::RangeInclusive<f32> = -8.0..=3.0;
+
+/// A network with what its training needs.
+#[derive(Clone, Debug)]
+pub(super) struct Net {
+    /// The network.
+    pub network: Mlp,
+    activations: Activations,
+    /// Of the loss by the parameters.
+    pub gradient: Vec<f32>,
+    optimiser: Adam,
+}
+
+impl Net {
+    fn new(sizes: &[usize], output_gain: f32, seed: &Seed) -> Self {
+        let network = Mlp::orthogonal(sizes, output_gain, &mut seed.stream())
+            .expect("a valid config and spec have no width of zero");
+        let count = network.params().len();
+        let activations = network.activations();
+        Self { network, activations, gradient: vec![0.0; count], optimiser: Adam::new(count) }
+    }
+
+    /// The outputs for a batch.
+    pub fn forward(&mut self, inputs: &[f32]) -> &[f32] {
+        self.network.forward(inputs, &mut self.activations)
+    }
+
+    /// Keeps the gradient of a loss whose derivatives by the outputs of the last forward pass are `d_output`.
+    pub fn backward(&mut self, d_output: &[f32]) {
+        self.gradient.fill(0.0);
+        self.network.backward(&mut self.activations, d_output, &mut self.gradient);
+    }
+
+    /// The loss does not depend on this network.
+    pub fn no_gradient(&mut self) {
+        self.gradient.fill(0.0);
+    }
+
+    /// Descends along the gradient, which is cut to `max_norm`, and returns how long it was; there is no step along one
+    /// that is not finite.
+    fn descend(&mut self, rate: f64, max_norm: f64) -> f32 {
+        let norm = clip_grad_norm(&mut [&mut self.gradient], max_norm as f32);
+        if norm.is_finite() {
+            self.optimiser.step(self.network.params_mut(), &self.gradient, rate);
+        }
+        norm
+    }
+
+    fn part(&mut self, name: String) -> Part<'_> {
+        Part { name, params: self.network.params_mut(), optimiser: &mut self.optimiser }
+    }
+}
+
+/// `π_o`: a normal distribution around what a network says.
+#[derive(Clone, Debug)]
+pub(super) struct Policy {
+    /// Means of the actions.
+    pub means: Net,
+    /// Logarithms of their standard deviations.
+    pub log_std: Vec<f32>,
+    /// Of the loss by those.
+    pub log_std_gradient: Vec<f32>,
+    optimiser: Adam,
+}
+
+/// Some parameters and their optimiser, for checkpoints.
+pub(super) struct Part<'a> {
+    /// What they are called.
+    pub name: String,
+    /// The parameters.
+    pub params: &'a mut [f32],
+    /// What changes them.
+    pub optimiser: &'a mut Adam,
+}
+
+/// Everything that is learned, for `K` options.
+#[derive(Clone, Debug)]
+pub(super) struct Learner {
+    /// `π_o`, of the observation.
+    pub policies: Vec<Policy>,
+    /// `z_o = log I_o`, of the observation.
+    pub interests: Vec<Net>,
+    /// `Q(s,·|τ)`, `K` numbers, of the observation and the task.
+    pub critic: Net,
+    /// `ε`.
+    pub termination: Termination,
+    optimiser: Adam,
+}
+
+impl Learner {
+    /// Before any training, for tasks of that many features: all options nearly alike, interests all nearly 1.
+    pub fn new(config: &InterestConfig, spec: &SimulatorSpec, task_features: usize, seed: &Seed) -> Self {
+        let (inputs, actions) = (spec.observation_size, spec.action_size());
+        let numbers = 0..config.options as u64;
+        let policy = |number: u64| Policy {
+            means: Net::new(&config.sizes(inputs, actions), 0.01, &seed.child("policy").index(number)),
+            log_std: vec![config.initial_log_std as f32; actions],
+            log_std_gradient: vec![0.0; actions],
+            optimiser: Adam::new(actions),
+        };
+        // Exactly 1 where interests are not learned: then options are drawn uniformly.
+        let gain = if config.learning_rates.interests > 0.0 { 0.01 } else { 0.0 };
+        let interest =
+            |number: u64| Net::new(&config.sizes(inputs, 1), gain, &seed.child("interest").index(number));
+        let critic = config.sizes(inputs + task_features, config.options);
+        Self {
+            policies: numbers.clone().map(policy).collect(),
+            interests: numbers.map(interest).collect(),
+            critic: Net::new(&critic, 1.0, &seed.child("critic")),
+            termination: Termination::lasting(config.initial_continuations),
+            optimiser: Adam::new(1),
+        }
+    }
+
+    /// `K`.
+    pub fn options(&self) -> usize {
+        self.policies.len()
+    }
+
+    /// Descends along the gradients that the networks keep. The error says which is not finite.
+    pub fn descend(&mut self, rates: LearningRates, max_norm: f64) -> Result<(), String> {
+        let finite = |part: &str, norm: f32| {
+            if norm.is_finite() { Ok(()) } else { Err(format!("the gradient of {part} is {norm}")) }
+        };
+        for Policy { means, log_std, log_std_gradient, optimiser } in &mut self.policies {
+            finite("a policy", means.descend(rates.policies, max_norm))?;
+            finite("a log standard deviation", clip_grad_norm(&mut [log_std_gradient], max_norm as f32))?;
+            optimiser.step(log_std, log_std_gradient, rates.policies);
+        }
+        for interest in &mut self.interests {
+            finite("an interest", interest.descend(rates.interests, max_norm))?;
+        }
+        finite("the critic", self.critic.descend(rates.critic, max_norm))
+    }
+
+    /// Why this is nothing to go on with.
+    pub fn divergence(&self) -> Option<String> {
+        let mut log_stds = self.policies.iter().flat_map(|policy| &policy.log_std);
+        let log_std = log_stds.find(|log_std| !LOG_STD_RANGE.contains(*log_std))?;
+        let (low, high) = (LOG_STD_RANGE.start(), LOG_STD_RANGE.end());
+        Some(format!("a log standard deviation of a policy is {log_std}, outside {low} to {high}"))
+    }
+
+    /// All of it, in a fixed order. The logit of `ε` is [`Self::termination`]; its part is the optimiser alone.
+    pub fn parts(&mut self) -> Vec<Part<'_>> {
+        let mut parts = Vec::new();
+        for (o, Policy { means, log_std, optimiser, .. }) in self.policies.iter_mut().enumerate() {
+            parts.push(means.part(format!("policy{o}")));
+            parts.push(Part { name: format!("log_std{o}"), params: log_std, optimiser });
+        }
+        parts.extend(self.interests.iter_mut().enumerate().map(|(o, net)| net.part(format!("interest{o}"))));
+        parts.push(self.critic.part("critic".to_owned()));
+        parts.push(Part { name: "logit".to_owned(), params: &mut [], optimiser: &mut self.optimiser });
+        parts
+    }
+
+    /// Ascends along `dJ/dx`, `x` the logit of `ε`.
+    pub fn ascend_termination(&mut self, gradient: f64, rate: f64) {
+        let mut logit = [self.termination.logit as f32];
+        self.optimiser.step(&mut logit, &[-gradient as f32], rate);
+        self.termination.logit = f64::from(logit[0]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use elo_core::conformance::point_mass::PointMassConfig;
+
+    use super::*;
+
+    fn learner() -> Learner {
+        let spec = PointMassConfig::default().description();
+        Learner::new(&InterestConfig::default(), &spec, 0, &Seed::root(1))
+    }
+
+    #[test]
+    fn policies_that_no_longer_explore_or_aim_are_named() {
+        assert_eq!(learner().divergence(), None);
+        for log_std in [-9.0, 3.5, f32::NAN] {
+            let mut spoilt = learner();
+            spoilt.policies[2].log_std[0] = log_std;
+            assert!(spoilt.divergence().is_some_and(|reason| reason.contains("standard deviation")));
+        }
+    }
+
+    #[test]
+    fn gradients_that_are_not_finite_are_not_followed() {
+        let mut spoilt = learner();
+        spoilt.interests[1].gradient[0] = f32::NAN;
+        let before = spoilt.interests[1].network.clone();
+        let error = spoilt.descend(LearningRates::default(), 0.5);
+        assert_eq!(error, Err("the gradient of an interest is NaN".to_owned()));
+        assert_eq!(spoilt.interests[1].network, before);
+    }
+}

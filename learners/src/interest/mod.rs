@@ -1,0 +1,60 @@
+//! Closed-loop early-life options with interests and a learned duration (Weber et al. 2019, §6.2).
+//!
+//! `K` options share one probability of ending. Option `o` has a policy `π_o(a|s)` and an interest `I_o(s) > 0`, and
+//! none of them sees the task. The infant agent draws an option where it begins and wherever one has ended:
+//!
+//! ```text
+//! π_I(o|s)     = I_o(s) / Σ_o' I_o'(s)                                        (6.3)  drawing
+//! Q(s,o|τ)     = Σ_a π_o(a|s) (r + γ Σ_s' p(s'|s,a) U(s',o|τ))           (6.4, 6.5)  advantages
+//! U(s',o|τ)    = (1 − ε) Q(s',o|τ) + ε V(s'|τ),   V(s|τ) = Σ_o π_I(o|s) Q(s,o|τ)
+//! ρ(ε)         = (1 − ε) / ε                                                         duration
+//! φ(ε)         = squared distance of ρ(ε) from the band [ρ_min, ρ_max]        (6.6)  duration
+//! J(θ)         = E_{τ~P, s~d0} V(s|τ) − λ φ(ε)                                (6.1)
+//! ```
+//!
+//! With `ρ_min = ρ_max = ρ` the band is the paper's `φ`. The end is decided after each action, so an option takes `1/ε`
+//! actions on average and continues `(1 − ε)/ε` times: `ρ` counts continuations, as Eq. 6.6 does.
+//!
+//! # The gradient
+//!
+//! Seen as one process, the agent makes three kinds of decisions, and `∇J` has a part for each. `E` is over steps `t` of
+//! its rollouts, step `t` weighted by `γ^t`; `x` is the logit of `ε`:
+//!
+//! ```text
+//! policies      E[ ∇ log π_o(a|s) · A_action ]           A_action = r + γ U(s',o) − Q(s,o)
+//! interests     E[ ∇ log π_I(o|s) · A_draw ]  where drawn    A_draw = Q(s,o) − V(s)
+//! termination   E[ γ ε(1 − ε) · A_end ] − λ dφ/dx          A_end  = V(s') − Q(s',o)
+//! ```
+//!
+//! [`advantages`] estimates the three from rollouts with any critic; the log-probabilities of actions and of draws then
+//! go through [`crate::kernels::clipped_surrogate`], the ends through [`duration::clipped_end`].
+//!
+//! # Training
+//!
+//! [`train`] rolls out the infant agent in tasks from `P` and from starts from `d0`, always whole rollouts, and improves
+//! all parts by the clipped gradients, as PPO does. Returns are in units of their own deviation; the advantages of actions
+//! and of draws are scaled to deviation 1, which changes the size of a part's gradient and not its direction, while that
+//! of `ε` keeps its size: it stands against `λ φ`. Unless `discounted_visits` asks for the letter of `J`, all steps of a
+//! rollout count alike, as if its states were starts: then `Σ_s` of Eq. 6.1 is over the states that the agent meets.
+
+pub mod advantages;
+mod batch;
+mod checkpoint;
+mod config;
+pub mod drawing;
+pub mod duration;
+#[cfg(test)]
+mod gradient_test;
+mod learner;
+mod policy;
+mod practice;
+#[cfg(test)]
+mod tests;
+mod train;
+#[cfg(test)]
+mod worlds;
+
+pub use config::{Discounts, InterestConfig, LearningRates};
+pub use policy::{FORMAT, InterestPolicy};
+pub use practice::Practice;
+pub use train::{Learned, Point, train};
