@@ -36,6 +36,13 @@
 //! and of draws are scaled to deviation 1, which changes the size of a part's gradient and not its direction, while that
 //! of `ε` keeps its size: it stands against `λ φ`. Unless `discounted_visits` asks for the letter of `J`, all steps of a
 //! rollout count alike, as if its states were starts: then `Σ_s` of Eq. 6.1 is over the states that the agent meets.
+//!
+//! # What `J` does not ask for
+//!
+//! Specialisation. Where policies are given, interests separate the states in which each is of use. Where policies are
+//! learned too, one option that reacts to the state can be good everywhere: in a world of two states that want opposite
+//! actions, most trainings come close to the greatest return with one option preferred in both. And an interest means
+//! something only beside those of the same training, so options of different trainings do not make a set.
 
 pub mod advantages;
 mod batch;
