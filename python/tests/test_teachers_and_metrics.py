@@ -137,7 +137,7 @@ def test_a_metric_that_goes_wrong_is_told(discover: Discover, how: str, said: st
 
 
 def test_workers_that_are_killed_change_no_byte(elo_program: Path, discover: Discover, tmp_path: Path) -> None:
-    sizes = ["--set", "discover.candidates=100", "--set", "discover.contexts=250", "--workers", "2"]
+    sizes = ["--set", "discover.candidates=100", "--set", "discover.contexts=1500", "--workers", "2"]
     assert discover(MASS, "--set", CONTROLLER, *sizes, out="undisturbed").returncode == 0
     command = [elo_program, "discover", tmp_path / "run.toml", "--out", tmp_path / "run", "--set", CONTROLLER, *sizes]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
