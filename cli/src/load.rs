@@ -67,7 +67,9 @@ fn checked(
     let mut faults = Faults::new();
     reading.config.workers.resolve(folder);
     faults.within("simulator", |faults| reading.config.simulator.embed_files(folder, faults));
-    faults.within("teacher", |faults| reading.config.teacher.embed_files(folder, faults));
+    if let Some(teacher) = &mut reading.config.teacher {
+        faults.within("teacher", |faults| teacher.embed_files(folder, faults));
+    }
     if faults.found().is_empty() {
         describe(&mut reading.config, &mut faults);
     }

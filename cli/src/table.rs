@@ -20,14 +20,7 @@ pub fn report(report: &Report, confidence: f64) -> String {
     let mut text = String::new();
     let (robot, engine) = (&report.robot, &report.engine);
     let _ = writeln!(text, "\n{robot} in {} {}, seed {}", engine.name, engine.version, report.seed);
-    let _ = writeln!(
-        text,
-        "{} teachers (mean return while recorded {:.1}), {} candidate options, {} held-out contexts",
-        report.teachers.len(),
-        report.candidates.teacher_return,
-        report.candidates.usable,
-        report.starts.contexts
-    );
+    let _ = writeln!(text, "{}, {} held-out contexts", candidates(report), report.starts.contexts);
     let _ = writeln!(
         text,
         "They begin after {:.1} random steps on average ({:.1} draws fell before a start was found).\n\
@@ -48,7 +41,8 @@ pub fn report(report: &Report, confidence: f64) -> String {
         heading(&mut text);
         line(&mut text, "the set", &set.row);
         for option in &set.options {
-            line(&mut text, &format!("  {} (teacher {})", option.row.name, option.teacher), &option.row);
+            let teacher = option.teacher.map_or(String::new(), |teacher| format!(" (teacher {teacher})"));
+            line(&mut text, &format!("  {}{teacher}", option.row.name), &option.row);
         }
         comparisons(&mut text, &set.against);
     }
@@ -61,6 +55,19 @@ pub fn report(report: &Report, confidence: f64) -> String {
         let _ = writeln!(text, "warning: {warning}");
     }
     text
+}
+
+/// What the sets were chosen from.
+fn candidates(report: &Report) -> String {
+    let (teachers, usable) = (report.teachers.len(), report.candidates.usable);
+    match report.candidates.teacher_return {
+        Some(recorded) => {
+            format!(
+                "{teachers} teachers (mean return while recorded {recorded:.1}), {usable} candidate options"
+            )
+        }
+        None => format!("{teachers} teachers, {usable} candidate sets learned by practice"),
+    }
 }
 
 /// What the columns of normalised returns mean.

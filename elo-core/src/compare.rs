@@ -1,5 +1,7 @@
 //! The sets of two runs on common contexts: whose earns more, and by how much.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use crate::crew::RunError;
@@ -51,7 +53,7 @@ pub struct SetPair {
 
 /// Measures the sets of two runs in the held-out contexts of the first, whose run is `run`.
 ///
-/// Costs (options of all sets) · contexts · T control steps.
+/// Costs (candidates of all sets) · contexts · T control steps.
 ///
 /// # Errors
 /// See [`RunError`]; also sets of another horizon.
@@ -82,7 +84,7 @@ pub fn compare(run: &Run<'_>, first: &[OptionSet], second: &[OptionSet]) -> Resu
     })
 }
 
-/// A set with its options' rollouts.
+/// A set with its candidates' rollouts.
 struct Members<'a> {
     set: &'a OptionSet,
     rollouts: Vec<Vec<Rollout>>,
@@ -94,14 +96,15 @@ fn members<'a>(
     contexts: &ContextSet,
 ) -> Result<Vec<Members<'a>>, RunError> {
     let of = |set: &'a OptionSet| {
-        let rollouts = run.measure_set("rollouts", set, contexts)?;
-        Ok(Members { set, rollouts })
+        let measured = run.measure_set("rollouts", set, contexts)?;
+        Ok(Members { set, rollouts: measured.into_iter().map(|(_, rollouts)| rollouts).collect() })
     };
     sets.iter().map(of).collect()
 }
 
 impl Run<'_> {
-    /// The rollouts of a stored set's options in all of `contexts`, best option first.
+    /// The candidates of a stored set, best first, each by its name and with its rollouts in all of `contexts`: an option by
+    /// itself, or the infant agent with options that were learned together.
     ///
     /// # Errors
     /// See [`RunError`].
@@ -110,13 +113,17 @@ impl Run<'_> {
         stage: &str,
         set: &OptionSet,
         contexts: &ContextSet,
-    ) -> Result<Vec<Vec<Rollout>>, RunError> {
+    ) -> Result<Vec<(String, Vec<Rollout>)>, RunError> {
         let records: Vec<_> = set.options.iter().cloned().map(Some).collect();
         let key = self.crew.import(&learn::encode(&records))?;
-        let entries = set.manifest.options.iter().enumerate();
-        let groups: Vec<Vec<Performer>> =
-            entries.map(|(item, entry)| vec![Performer::option(entry.number, key, item)]).collect();
-        self.evaluate(stage, &groups, contexts, 0..contexts.keys.len())
+        let alone = |(number, items): (usize, Range<usize>)| {
+            Performer::alone(number, items.map(|item| (key, item)).collect())
+        };
+        let performers: Vec<Performer> = set.manifest.candidates().into_iter().map(alone).collect();
+        let names: Vec<String> = performers.iter().map(|performer| performer.name.clone()).collect();
+        let groups: Vec<Vec<Performer>> = performers.into_iter().map(|performer| vec![performer]).collect();
+        let rollouts = self.evaluate(stage, &groups, contexts, 0..contexts.keys.len())?;
+        Ok(names.into_iter().zip(rollouts).collect())
     }
 }
 

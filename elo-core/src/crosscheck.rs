@@ -109,7 +109,7 @@ pub fn crosscheck(
 ) -> Result<Crosscheck, RunError> {
     let experiments = run.on_each(others);
     let own = run.held_out_contexts(contexts)?;
-    let set_size = run.experiment.discover.set_size;
+    let set_size = run.experiment.candidates_of_a_set();
 
     let mut measured: Vec<Measured> = Vec::new();
     let mut best = Vec::new();
@@ -183,7 +183,7 @@ fn compared(
     measured: &[Measured],
     contexts: usize,
 ) -> Result<Crosscheck, RunError> {
-    let set_size = run.experiment.discover.set_size;
+    let set_size = run.experiment.candidates_of_a_set();
     let numbers: Vec<usize> = discovery.candidates.iter().map(|candidate| candidate.number).collect();
     let named = |positions: &[usize]| positions.iter().map(|id| numbers[*id]).collect::<Vec<_>>();
     let scores: Vec<Vec<f64>> = measured.iter().map(|m| scores(&m.returns)).collect::<Result<_, _>>()?;

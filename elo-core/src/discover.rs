@@ -1,16 +1,21 @@
 //! Algorithm 1, *Construction of Early-Life Option Sets* (Weber et al. 2019, §4.4), from top to bottom.
 //!
 //! [`discover`] is the algorithm; each of its lines is a stage whose units are described in [`crate::units`].
+//!
+//! Option learners that practise (§6.2) learn whole sets. Then a candidate is a set: `N` of them are learned with seeds of
+//! their own, each is measured as the infant agent that has it, and each metric picks the best one. An interest means
+//! something only beside those of the same training, so options of different sets are never mixed, and random
+//! `K`-subsets of all options are not among the baselines.
 
 use std::ops::Range;
 
 use crate::context::Split;
 use crate::crew::{Crew, RunError, Unit};
-use crate::experiment::{EvaluationTasks, Experiment};
+use crate::experiment::{EvaluationTasks, Experiment, NO_TEACHER};
 use crate::key::Key;
 use crate::measured::Pool;
 use crate::performer::Performer;
-use crate::policy::PolicyRecord;
+use crate::policy::{PolicyRecord, TeacherConfig, Way};
 use crate::rollout::{Rollout, price};
 use crate::seed::Seed;
 use crate::select::Selection;
@@ -20,6 +25,7 @@ use crate::units::Span;
 use crate::units::evaluate::{Evaluate, RolloutTable, Subject};
 use crate::units::learn::{self, Learn};
 use crate::units::play::Play;
+use crate::units::practise::{Practise, SetResult, Story};
 use crate::units::prepare::{self, Prepare, TaskSource};
 use crate::units::record::{self, Record, Recording};
 use crate::units::train::{TeacherResult, Train};
@@ -27,7 +33,7 @@ use crate::units::train::{TeacherResult, Train};
 /// Contexts of one unit. Candidates are measured in whole blocks of so many contexts.
 pub const CONTEXTS_PER_UNIT: usize = 50;
 
-/// Recordings, and the options learned from them, of one unit.
+/// Recordings, and the options that imitate them, of one unit.
 pub const RECORDINGS_PER_UNIT: usize = 10;
 
 /// Candidates of one unit of rollouts.
@@ -42,7 +48,7 @@ pub struct Discovery {
     pub teachers: Vec<Teacher>,
     /// The candidates that have an option.
     pub candidates: Vec<Candidate>,
-    /// Recordings that were given up, by candidate number.
+    /// Candidates that were given up, by number: every recording fell, or every training of the set diverged.
     pub given_up: Vec<usize>,
     /// Every candidate's rollouts in the selection contexts.
     pub rollouts: Vec<Vec<Rollout>>,
@@ -67,21 +73,41 @@ pub struct Teacher {
     pub training_return: Option<f64>,
 }
 
-/// One candidate option.
+/// One candidate: an option, or a set of options that were learned together.
 #[derive(Clone, Debug)]
 pub struct Candidate {
     /// Its number `i` among the `N`.
     pub number: usize,
-    /// Its teacher, by its position in [`Discovery::teachers`].
-    pub teacher: usize,
-    /// Recordings that fell and were taken again.
-    pub retakes: u32,
+    /// Where it comes from.
+    pub origin: Origin,
+    /// The units that hold its options, and which of theirs.
+    pub options: Vec<(Key, usize)>,
+}
+
+/// Where a candidate comes from.
+#[derive(Clone, Debug)]
+pub enum Origin {
+    /// A recording of a teacher.
+    Recording {
+        /// The teacher, by its position in [`Discovery::teachers`].
+        teacher: usize,
+        /// Recordings that fell and were taken again.
+        retakes: u32,
+        /// The teacher's return while it was recorded.
+        teacher_return: f64,
+    },
+    /// Rollouts of its own.
+    Practice(Story),
+}
+
+impl Candidate {
     /// The teacher's return while it was recorded.
-    pub teacher_return: f64,
-    /// The unit that holds the option.
-    pub key: Key,
-    /// Which option of that unit.
-    pub item: usize,
+    pub fn teacher_return(&self) -> Option<f64> {
+        match self.origin {
+            Origin::Recording { teacher_return, .. } => Some(teacher_return),
+            Origin::Practice(_) => None,
+        }
+    }
 }
 
 /// The contexts of one split.
@@ -110,23 +136,30 @@ pub struct ContextSet {
 pub fn discover(experiment: &Experiment, crew: &Crew<'_>) -> Result<Discovery, RunError> {
     let run = Run::new(experiment, crew)?;
 
-    // (a) Generate candidate options.
-    //     1. Draw a small set W of tasks {τ_1, …, τ_M} from P.
-    let tasks = run.draw_tasks();
-    //     2. Compute a near-optimal policy π*_τ for each task in W.
-    let teachers = run.train_teachers(&tasks)?;
-    //     For i from 1 to N: sample a random context, execute π*_τ for T steps, record h_i …
-    let recordings = run.record_trajectories(&teachers)?;
-    //     … and define an option that reproduces the behaviour in h_i.
-    //     3. Return the set of candidate options.
-    let (candidates, given_up) = run.learn_options(&recordings)?;
+    // (a) Generate candidates.
+    let (mut teachers, mut recordings) = (Vec::new(), Vec::new());
+    if experiment.records() {
+        // 1. Draw a small set W of tasks {τ_1, …, τ_M} from P.
+        let tasks = run.draw_tasks();
+        // 2. Compute a near-optimal policy π*_τ for each task in W.
+        teachers = run.train_teachers(&tasks)?;
+        //    For i from 1 to N: sample a random context, execute π*_τ for T steps, record h_i …
+        recordings = run.record_trajectories(&teachers)?;
+    }
+    let (candidates, given_up) = match experiment.option_learner.way() {
+        //    … and define an option that reproduces the behaviour in h_i.
+        Way::Imitates(_) => run.learn_options(&recordings)?,
+        //    Or learn N sets of K options that maximise J(θ) (Eq. 6.1).
+        Way::Practises(_) => run.practise_sets(&recordings)?,
+    };
+    // 3. Return the candidates.
 
-    // (b) Estimate the return distribution of candidate options: execute each in Z random contexts, common to all. The
-    //     selector says which candidates in which of them, as it selects.
+    // (b) Estimate the return distribution of candidates: execute each in Z random contexts, common to all. The selector
+    //     says which candidates in which of them, as it selects.
     let contexts =
         run.prepare_contexts(Split::Select, experiment.discover.contexts, &run.selection_tasks(&teachers))?;
 
-    // (c) Select the top K candidates by each metric ψ.
+    // (c) Select the top K candidates by each metric ψ, or the best set.
     let pool = Pool { candidates: &candidates, contexts: &contexts };
     let (selection, rollouts) = run.select(&pool, &experiment.metrics, &experiment.returns)?;
     Ok(Discovery { spec: run.spec.clone(), teachers, candidates, given_up, rollouts, contexts, selection })
@@ -161,22 +194,34 @@ impl<'a> Run<'a> {
         (0..self.experiment.discover.teachers).map(draw).collect()
     }
 
+    /// `[teacher]`, for stages that cannot do without.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn teacher(&self) -> Result<Box<dyn TeacherConfig>, RunError> {
+        let none = || RunError::Config(format!("`teacher`: {NO_TEACHER}"));
+        self.experiment.teacher.as_ref().map(duplicate).ok_or_else(none)
+    }
+
     /// The training of a teacher for `task`, with its streams below `seed`.
-    pub fn training(&self, task: &Task, seed: Seed) -> Unit {
+    ///
+    /// # Errors
+    /// No `[teacher]`.
+    pub fn training(&self, task: &Task, seed: Seed) -> Result<Unit, RunError> {
         let work = Train {
             simulator: duplicate(&self.experiment.simulator),
-            teacher: duplicate(&self.experiment.teacher),
+            teacher: self.teacher()?,
             task: task.clone(),
             initial_states: self.experiment.initial_states.clone(),
             seed,
         };
-        Unit { work: work.into(), inputs: Vec::new() }
+        Ok(Unit { work: work.into(), inputs: Vec::new() })
     }
 
     fn train_teachers(&self, tasks: &[Task]) -> Result<Vec<Teacher>, RunError> {
         let unit =
             |(m, task): (usize, &Task)| self.training(task, self.seed.child("teacher").index(m as u64));
-        let units: Vec<Unit> = tasks.iter().enumerate().map(unit).collect();
+        let units: Vec<Unit> = tasks.iter().enumerate().map(unit).collect::<Result<_, _>>()?;
         let keys = self.crew.complete("teachers", &units)?;
         let mut teachers = Vec::new();
         for (task, key) in tasks.iter().zip(keys) {
@@ -206,10 +251,11 @@ impl<'a> Run<'a> {
     fn record_trajectories(&self, teachers: &[Teacher]) -> Result<Vec<(Key, Vec<Recording>)>, RunError> {
         let usable = || teachers.iter().filter(|teacher| teacher.usable);
         let sizes = &self.experiment.discover;
+        let teacher = self.teacher()?;
         let unit = |span: Span| Unit {
             work: Record {
                 simulator: duplicate(&self.experiment.simulator),
-                teacher: duplicate(&self.experiment.teacher),
+                teacher: duplicate(&teacher),
                 tasks: usable().map(|teacher| teacher.task.clone()).collect(),
                 initial_states: self.experiment.initial_states.clone(),
                 acts: sizes.teacher_acts,
@@ -221,8 +267,7 @@ impl<'a> Run<'a> {
             .into(),
             inputs: usable().map(|teacher| teacher.key).collect(),
         };
-        let units: Vec<Unit> =
-            Span::cut(sizes.candidates, RECORDINGS_PER_UNIT).into_iter().map(unit).collect();
+        let units: Vec<Unit> = self.experiment.recordings().into_iter().map(unit).collect();
         let keys = self.crew.complete("recordings", &units)?;
         let positions: Vec<usize> = (0..teachers.len()).filter(|m| teachers[*m].usable).collect();
         keys.into_iter()
@@ -240,7 +285,7 @@ impl<'a> Run<'a> {
         &self,
         recordings: &[(Key, Vec<Recording>)],
     ) -> Result<(Vec<Candidate>, Vec<usize>), RunError> {
-        let spans = Span::cut(self.experiment.discover.candidates, RECORDINGS_PER_UNIT);
+        let spans = self.experiment.recordings();
         let unit = |(span, (key, _)): (&Span, &(Key, _))| Unit {
             work: Learn {
                 learner: duplicate(&self.experiment.option_learner),
@@ -262,7 +307,8 @@ impl<'a> Run<'a> {
                     continue;
                 }
                 let Recording { teacher, retakes, teacher_return, .. } = *recording;
-                candidates.push(Candidate { number, teacher, retakes, teacher_return, key, item });
+                let origin = Origin::Recording { teacher, retakes, teacher_return };
+                candidates.push(Candidate { number, origin, options: vec![(key, item)] });
             }
         }
         if candidates.is_empty() {
@@ -270,6 +316,46 @@ impl<'a> Run<'a> {
                 "every recording of every teacher fell before {} steps: train longer or lower `discover.steps`",
                 self.experiment.discover.steps
             )));
+        }
+        Ok((candidates, given_up))
+    }
+
+    /// Sets of options that are learned together; each begins from its own recordings where there are any.
+    fn practise_sets(
+        &self,
+        recordings: &[(Key, Vec<Recording>)],
+    ) -> Result<(Vec<Candidate>, Vec<usize>), RunError> {
+        let sizes = &self.experiment.discover;
+        let unit = |number: usize| Unit {
+            work: Practise {
+                simulator: duplicate(&self.experiment.simulator),
+                learner: duplicate(&self.experiment.option_learner),
+                tasks: self.experiment.tasks.clone(),
+                initial_states: self.experiment.initial_states.clone(),
+                set_size: sizes.set_size,
+                steps: sizes.steps,
+                seed: self.seed.child("set").index(number as u64),
+            }
+            .into(),
+            inputs: recordings.get(number).map(|(key, _)| *key).into_iter().collect(),
+        };
+        let units: Vec<Unit> = (0..sizes.candidates).map(unit).collect();
+        let keys = self.crew.complete("option sets", &units)?;
+        let (mut candidates, mut given_up) = (Vec::new(), Vec::new());
+        let mut diverged = Vec::new();
+        for (number, key) in keys.into_iter().enumerate() {
+            let SetResult { options, story } = SetResult::decode(&self.crew.result(&key)?)?;
+            if options.is_empty() {
+                given_up.push(number);
+                diverged.extend(story.diverged);
+                continue;
+            }
+            let options = (0..options.len()).map(|item| (key, item)).collect();
+            candidates.push(Candidate { number, origin: Origin::Practice(story), options });
+        }
+        if candidates.is_empty() {
+            let why = diverged.join("; ");
+            return Err(RunError::Config(format!("no set could be learned, every training diverged: {why}")));
         }
         Ok((candidates, given_up))
     }
@@ -379,14 +465,17 @@ impl<'a> Run<'a> {
         (Evaluate { contexts: 1, play }, inputs)
     }
 
-    /// The option of a candidate.
+    /// The options of a candidate.
     ///
     /// # Errors
     /// See [`RunError`].
-    pub fn option(&self, candidate: &Candidate) -> Result<PolicyRecord, RunError> {
-        let options = learn::decode(&self.crew.result(&candidate.key)?)?;
-        let option = options.into_iter().nth(candidate.item).flatten();
-        option.ok_or_else(|| RunError::Config(format!("candidate {} has no option", candidate.number)))
+    pub fn options(&self, candidate: &Candidate) -> Result<Vec<PolicyRecord>, RunError> {
+        let none = || RunError::Config(format!("candidate {} has no option", candidate.number));
+        let option = |(key, item): &(Key, usize)| {
+            let options = learn::decode(&self.crew.result(key)?)?;
+            options.into_iter().nth(*item).flatten().ok_or_else(none)
+        };
+        candidate.options.iter().map(option).collect()
     }
 }
 

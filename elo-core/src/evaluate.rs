@@ -29,7 +29,7 @@ pub struct Evaluation {
     pub contexts: usize,
     /// The infant agent with the set.
     pub set: Row,
-    /// Each of its options, best first.
+    /// Each of its options, best first; options that were learned together as one row.
     pub options: Vec<Row>,
     /// Random torque and no torque in the same contexts.
     pub baselines: Vec<Row>,
@@ -52,7 +52,8 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
         plain("random torque", || Behavior::RandomTorque),
         plain("zero torque", || Behavior::ZeroTorque),
     ]];
-    let mut rollouts = run.measure_set("rollouts", set, &contexts)?;
+    let (names, mut rollouts): (Vec<String>, Vec<_>) =
+        run.measure_set("rollouts", set, &contexts)?.into_iter().unzip();
     rollouts.extend(run.evaluate("baselines", &baselines, &contexts, 0..contexts.keys.len())?);
 
     let yardstick = Yardstick {
@@ -63,13 +64,11 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
         seed: run.seed.child("bootstrap"),
     };
     let rows: Vec<&[Rollout]> = rollouts.iter().map(Vec::as_slice).collect();
-    let (members, others) = rows.split_at(set.options.len());
+    let (members, others) = rows.split_at(names.len());
     let sample = |name: &str, members: &[&[Rollout]]| yardstick.sample(name, members, &contexts.prices);
     let whole = sample(&manifest.metric, members);
     let baselines = [sample("random torque", &others[..1]), sample("zero torque", &others[1..])];
-    let option = |(item, row): (usize, &&[Rollout])| {
-        yardstick.row(&sample(&format!("option {}", manifest.options[item].number), &[row]))
-    };
+    let option = |(name, row): (&String, &&[Rollout])| yardstick.row(&sample(name, &[row]));
     Ok(Evaluation {
         metric: manifest.metric.clone(),
         robot: run.spec.robot.clone(),
@@ -78,7 +77,7 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
         made_with_seed: manifest.experiment["seed"].as_u64().unwrap_or_default(),
         contexts: contexts.count,
         set: yardstick.row(&whole)?,
-        options: members.iter().enumerate().map(option).collect::<Result<_, _>>()?,
+        options: names.iter().zip(members).map(option).collect::<Result<_, _>>()?,
         baselines: baselines.iter().map(|b| yardstick.row(b)).collect::<Result<_, _>>()?,
         against: baselines.iter().map(|b| yardstick.compare(&whole, b)).collect::<Result<_, _>>()?,
     })

@@ -4,19 +4,23 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::context::InitialStates;
-use crate::discover::duplicate;
+use crate::discover::{RECORDINGS_PER_UNIT, duplicate};
 use crate::experiments::ExperimentsPlan;
 use crate::fault::Faults;
 use crate::hosted::Hosted;
 use crate::metric::Metric;
-use crate::policy::{OptionLearner, TeacherConfig};
-use crate::returns::{FailureRule, ReturnScaling};
+use crate::policy::{OptionLearner, TeacherConfig, Way};
+use crate::returns::{FailureRule, Normaliser, ReturnScaling};
 use crate::rollout::Horizon;
 use crate::select::Selector;
 use crate::simulator::SimulatorConfig;
 use crate::task::TaskDistribution;
+use crate::units::Span;
 use crate::units::describe::Describe;
 use crate::workers::Workers;
+
+/// What is said where a teacher is missing.
+pub(crate) const NO_TEACHER: &str = "is missing; expected a table [teacher]: the option learner learns from what teachers do (`elo plugins` lists them)";
 
 /// One run: from a simulator and a task family to selected option sets.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -33,9 +37,11 @@ pub struct Experiment {
     /// `d0`: where contexts begin (§5.1).
     #[serde(default)]
     pub initial_states: InitialStates,
-    /// How near-optimal policies are found (Algorithm 1(a), step 2); see `elo plugins`.
-    pub teacher: Box<dyn TeacherConfig>,
-    /// How a recorded trajectory becomes an option; see `elo plugins`.
+    /// How near-optimal policies are found (Algorithm 1(a), step 2); see `elo plugins`. Option learners that practise by
+    /// themselves do without; where there is one all the same, it is what `elo experiments` compares with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub teacher: Option<Box<dyn TeacherConfig>>,
+    /// How options are learned: from recorded trajectories one by one, or a whole set by practice; see `elo plugins`.
     pub option_learner: Box<dyn OptionLearner>,
     /// The sizes of Algorithm 1.
     #[serde(default)]
@@ -76,7 +82,8 @@ pub struct Discover {
     /// Fewest teachers to go on with when trainings diverge; at least 1.
     #[schemars(range(min = 1))]
     pub min_teachers: usize,
-    /// `N`: candidate options. The paper uses 600.
+    /// `N`: candidate options. The paper uses 600. With an option learner that practises: candidate sets, each from a
+    /// training of its own, of which a metric picks one; a few.
     #[schemars(range(min = 1, max = 1000000))]
     pub candidates: usize,
     /// `Z`: contexts in which each candidate is measured; at least `set_size`. The paper uses 300.
@@ -85,7 +92,7 @@ pub struct Discover {
     /// `T`: control steps of one option. The paper uses 200, which is 3.3 s.
     #[schemars(range(min = 1, max = 100000))]
     pub steps: usize,
-    /// `K`: options in a set, at most `candidates`. The paper uses 5.
+    /// `K`: options in a set; at most `candidates`, unless the option learner practises. The paper uses 5.
     #[schemars(range(min = 1))]
     pub set_size: usize,
     /// Where the tasks of selection contexts come from. The paper draws them from the teachers' tasks `W`.
@@ -153,7 +160,7 @@ pub struct ReportPlan {
     /// Held-out contexts, drawn from `P` and `d0`, in which every reported figure is measured.
     #[schemars(range(min = 2, max = 1000000))]
     pub contexts: usize,
-    /// Random `K`-subsets of the candidates that selected sets are compared with.
+    /// Random `K`-subsets of the candidates that selected sets are compared with; none where sets are learned as a whole.
     #[schemars(range(min = 1, max = 10000))]
     pub random_subsets: usize,
     /// `α` of the reported lower tail `Pr(V < μ* − α σ*)`; at least 0.
@@ -180,12 +187,15 @@ impl Experiment {
         let before = faults.found().len();
         faults.within("simulator", |faults| self.simulator.validate(faults));
         let told = faults.found().len() > before;
-        faults.within("teacher", |faults| self.teacher.validate(faults));
+        if let Some(teacher) = &self.teacher {
+            faults.within("teacher", |faults| teacher.validate(faults));
+        }
         faults.within("option_learner", |faults| self.option_learner.validate(faults));
         faults.within("selector", |faults| self.selector.validate(faults));
         faults.within("failures", |faults| self.failures.validate(faults));
         self.validate_metrics(faults);
         faults.within("discover", |faults| self.discover.validate(faults));
+        self.validate_way(faults);
         faults.within("workers", |faults| self.workers.validate(faults));
         faults.within("experiments", |faults| self.experiments.validate(faults));
         faults.within("report", |faults| {
@@ -209,14 +219,67 @@ impl Experiment {
         }
     }
 
+    /// Whether the run trains teachers and records them.
+    pub fn records(&self) -> bool {
+        match self.option_learner.way() {
+            Way::Imitates(_) => true,
+            Way::Practises(learner) => learner.begins_from_recordings(),
+        }
+    }
+
+    /// How many candidates the best of which make a set: `K` options, or one set that was learned as a whole.
+    pub fn candidates_of_a_set(&self) -> usize {
+        match self.option_learner.way() {
+            Way::Imitates(_) => self.discover.set_size,
+            Way::Practises(_) => 1,
+        }
+    }
+
+    /// The recordings of each unit: of some candidates, or all those that one set begins from.
+    pub fn recordings(&self) -> Vec<Span> {
+        let Discover { candidates, set_size, .. } = self.discover;
+        match self.option_learner.way() {
+            Way::Imitates(_) => Span::cut(candidates, RECORDINGS_PER_UNIT),
+            Way::Practises(_) => Span::cut(candidates * set_size, set_size),
+        }
+    }
+
+    /// What one way of learning options needs and the other does not.
+    fn validate_way(&self, faults: &mut Faults) {
+        faults.check(self.teacher.is_some() || !self.records(), "teacher", || NO_TEACHER.to_owned());
+        faults.check(self.discover.tasks == EvaluationTasks::P || self.records(), "discover.tasks", || {
+            "expected \"P\", got \"W\": this option learner needs no teachers, so there are no tasks of theirs".to_owned()
+        });
+        let imitates = |learner: &dyn OptionLearner| matches!(learner.way(), Way::Imitates(_));
+        let own = imitates(self.option_learner.as_ref());
+        let Discover { candidates, set_size, .. } = self.discover;
+        faults.check(!own || set_size <= candidates, "discover.set_size", || {
+            format!("K = {set_size} options cannot be chosen from N = {candidates} candidates")
+        });
+        faults.check(own || self.returns.normaliser != Normaliser::Teacher, "returns.normaliser", || {
+            "expected \"min_max\" or \"none\", got \"teacher\": this option learner imitates no teacher"
+                .to_owned()
+        });
+        for (i, other) in self.experiments.other_learners.iter().enumerate() {
+            faults.check(imitates(other.as_ref()) == own, &format!("experiments.other_learners[{i}]"), || {
+                let (got, expected) =
+                    if own { ("practises", "imitates recordings") } else { ("imitates recordings", "practises") };
+                format!(
+                    "{got}; expected a learner that {expected}, as `option_learner` does (`elo compare` compares two runs)"
+                )
+            });
+        }
+    }
+
     /// Every plugin, with the path of its table: those whose code may run in workers.
     pub fn describable(&self) -> Vec<(String, Describe)> {
         let metrics = self.metrics.iter().enumerate();
         let metrics =
             metrics.map(|(i, metric)| (format!("metrics[{i}]"), Describe::Metric(duplicate(metric))));
         let simulator = ("simulator".to_owned(), Describe::Simulator(duplicate(&self.simulator)));
-        let teacher = ("teacher".to_owned(), Describe::Teacher(duplicate(&self.teacher)));
-        [simulator, teacher].into_iter().chain(metrics).collect()
+        let teacher = self.teacher.as_ref();
+        let teacher = teacher.map(|teacher| ("teacher".to_owned(), Describe::Teacher(duplicate(teacher))));
+        std::iter::once(simulator).chain(teacher).chain(metrics).collect()
     }
 
     /// The plugins whose code runs in workers, in the order and with the paths of [`Self::describable`].
@@ -224,8 +287,8 @@ impl Experiment {
         let metrics = self.metrics.iter_mut().enumerate();
         let metrics = metrics.map(|(i, metric)| (format!("metrics[{i}]"), metric.hosted_mut()));
         let simulator = ("simulator".to_owned(), self.simulator.hosted_mut());
-        let teacher = ("teacher".to_owned(), self.teacher.hosted_mut());
-        let all = [simulator, teacher].into_iter().chain(metrics);
+        let teacher = self.teacher.as_mut().map(|teacher| ("teacher".to_owned(), teacher.hosted_mut()));
+        let all = std::iter::once(simulator).chain(teacher).chain(metrics);
         all.filter_map(|(path, hosted)| hosted.map(|hosted| (path, hosted))).collect()
     }
 
@@ -247,9 +310,6 @@ impl Experiment {
 
 impl Discover {
     fn validate(&self, faults: &mut Faults) {
-        faults.check(self.set_size <= self.candidates, "set_size", || {
-            format!("K = {} options cannot be chosen from N = {} candidates", self.set_size, self.candidates)
-        });
         faults.check(self.contexts >= self.set_size, "contexts", || {
             format!("expected at least set_size = {} contexts, got {}", self.set_size, self.contexts)
         });

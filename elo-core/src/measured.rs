@@ -28,10 +28,10 @@ impl Run<'_> {
         metrics: &'b [Box<dyn Metric>],
         scaling: &'b ReturnScaling,
     ) -> Scoring<'b> {
-        let returns: f64 = candidates.iter().map(|candidate| candidate.teacher_return).sum();
+        let returns: f64 = candidates.iter().filter_map(Candidate::teacher_return).sum();
         Scoring {
             judge: self,
-            set_size: self.experiment.discover.set_size,
+            set_size: self.experiment.candidates_of_a_set(),
             metrics,
             scaling,
             failures: &self.experiment.failures,

@@ -4,6 +4,7 @@
 //! is bounded: sizes are checked before anything is allocated, numbers that are not finite are refused.
 
 use std::fs;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -46,15 +47,31 @@ pub struct Manifest {
     pub experiment: serde_json::Value,
 }
 
+impl Manifest {
+    /// The candidates that the set consists of: their numbers, and which of the options each has.
+    pub fn candidates(&self) -> Vec<(usize, Range<usize>)> {
+        let mut first = 0;
+        let groups = self.options.chunk_by(|a, b| a.number == b.number);
+        groups
+            .map(|group| {
+                let range = first..first + group.len();
+                first = range.end;
+                (group[0].number, range)
+            })
+            .collect()
+    }
+}
+
 /// One option of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptionEntry {
-    /// Its number among the run's candidates.
+    /// The number of its candidate in the run. Options of one number were learned together as a set.
     pub number: usize,
     /// The policy format that reads its tensors.
     pub policy: String,
-    /// Its score by the metric, from the returns that selected it.
+    /// The candidate's score by the metric, from the returns that selected it: the option's own, or that of the set that it
+    /// was learned with.
     pub selection_score: f64,
 }
 

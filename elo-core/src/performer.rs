@@ -53,13 +53,15 @@ pub enum PerformerRole {
 impl Performer {
     /// A candidate by itself.
     pub fn candidate(candidate: &Candidate) -> Self {
-        Self::option(candidate.number, candidate.key, candidate.item)
+        Self::alone(candidate.number, candidate.options.clone())
     }
 
-    /// One option by itself, again and again: option `item` of the unit `key`.
-    pub fn option(number: usize, key: Key, item: usize) -> Self {
-        let role = PerformerRole::Infant { options: vec![(key, item)], primitive_probability: 0.0 };
-        Self { name: format!("option {number}"), role }
+    /// The options of candidate `number` and nothing else: one again and again, or those of a set as the infant agent
+    /// draws them.
+    pub fn alone(number: usize, options: Vec<(Key, usize)>) -> Self {
+        let kind = if options.len() == 1 { "option" } else { "set" };
+        let role = PerformerRole::Infant { options, primitive_probability: 0.0 };
+        Self { name: format!("{kind} {number}"), role }
     }
 
     /// What a unit is told of it; the units that it needs are added to the unit's `inputs`.

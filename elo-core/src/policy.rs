@@ -12,7 +12,7 @@ use crate::hosted::Hosted;
 use crate::seed::{Seed, Stream};
 use crate::simulator::{BuildError, SimulatorConfig};
 use crate::spec::SimulatorSpec;
-use crate::task::Task;
+use crate::task::{Task, TaskDistribution};
 use crate::tensors::{TensorError, Tensors};
 
 /// `π*_τ`: a policy that is near-optimal in one task.
@@ -189,7 +189,7 @@ impl Monitor for Unwatched {
 #[error("stopped before the end")]
 pub struct Stopped;
 
-/// Why a training gave no teacher.
+/// Why a training gave no teacher, or a practice no set.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrainError {
     /// Losses or parameters stopped being finite, or the policy collapsed. Worth another seed.
@@ -211,12 +211,27 @@ pub enum TrainError {
     Other(String),
 }
 
-/// How options are learned from recordings: `[option_learner]` of a config, by its `kind`.
+/// How options are learned: `[option_learner]` of a config, by its `kind`.
 #[typetag::serde(tag = "kind")]
 pub trait OptionLearner: fmt::Debug + Send + Sync {
     /// Finds every fault of the fields.
     fn validate(&self, faults: &mut Faults);
 
+    /// From what it learns.
+    fn way(&self) -> Way<'_>;
+}
+
+/// The two ways of learning options.
+#[derive(Clone, Copy)]
+pub enum Way<'a> {
+    /// One option of each recording of a teacher, as Algorithm 1 does. Sets are chosen among the options.
+    Imitates(&'a dyn Imitate),
+    /// A whole set at once, from rollouts of its own. One is chosen among the sets.
+    Practises(&'a dyn Practise),
+}
+
+/// Learns an option from a recording.
+pub trait Imitate: Send + Sync {
     /// Makes the option that reproduces `demonstration`.
     ///
     /// # Errors
@@ -227,6 +242,52 @@ pub trait OptionLearner: fmt::Debug + Send + Sync {
         spec: &SimulatorSpec,
         seed: &Seed,
     ) -> Result<Box<dyn OptionPolicy>, String>;
+}
+
+/// Learns a set of options from rollouts.
+pub trait Practise: Send + Sync {
+    /// Simulator steps that learning one set takes, for rollouts of `steps` control steps; for estimates.
+    fn simulator_steps(&self, steps: usize) -> u64;
+
+    /// Whether a set begins from recordings of teachers, one an option.
+    fn begins_from_recordings(&self) -> bool {
+        false
+    }
+
+    /// Learns one set. The bytes depend on nothing but the practice, also when it was interrupted at a checkpoint and
+    /// taken up again.
+    ///
+    /// # Errors
+    /// See [`TrainError`].
+    fn practise(&self, practice: &Practice<'_>, monitor: &mut dyn Monitor) -> Result<Practised, TrainError>;
+}
+
+/// Where and for what a set of options is learned.
+#[derive(Clone, Debug)]
+pub struct Practice<'a> {
+    /// The world.
+    pub simulator: &'a dyn SimulatorConfig,
+    /// `P`: options are for all of its tasks.
+    pub tasks: &'a TaskDistribution,
+    /// `d0`: where rollouts begin.
+    pub initial_states: &'a InitialStates,
+    /// `K`: options in the set.
+    pub set_size: usize,
+    /// `T`: control steps of a rollout, if it does not end earlier.
+    pub steps: usize,
+    /// For learners that begin from recordings: at most `set_size` of them. Recordings that fell are left out.
+    pub demonstrations: &'a [Demonstration],
+    /// The root of all random streams.
+    pub seed: Seed,
+}
+
+/// What came of a practice.
+#[derive(Debug)]
+pub struct Practised {
+    /// The set.
+    pub options: Vec<Box<dyn OptionPolicy>>,
+    /// What was seen on the way, by its increasing `steps`.
+    pub curve: Vec<CurvePoint>,
 }
 
 /// `h_i`: what a teacher saw and did for `T` control steps.

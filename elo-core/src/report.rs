@@ -7,11 +7,12 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::crew::RunError;
-use crate::discover::{Candidate, ContextSet, Discovery, Run, duplicate};
+use crate::discover::{Candidate, ContextSet, Discovery, Origin, Run, duplicate};
 use crate::experiment::TeacherActs;
 use crate::figures::{Comparison, Row, Sample, Yardstick};
 use crate::metric::Reference;
 use crate::performer::{Performer, PerformerRole};
+use crate::policy::Way;
 use crate::returns::Scale;
 use crate::rollout::Rollout;
 use crate::select::Selection;
@@ -67,18 +68,18 @@ pub struct TeacherReport {
     pub diverged: Vec<String>,
 }
 
-/// How many candidates there are.
+/// How many candidates there are: options, or sets that were learned as a whole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CandidateCounts {
     /// With an option.
     pub usable: usize,
-    /// Numbers of those whose every recording fell.
+    /// Numbers of those whose every recording fell, or whose every training diverged.
     pub given_up: Vec<usize>,
     /// Recordings that fell and were taken again.
     pub retakes: u64,
-    /// The teachers' mean return while they were recorded.
-    pub teacher_return: f64,
+    /// The teachers' mean return while candidates were recorded; `None` where candidates are sets learned by practice.
+    pub teacher_return: Option<f64>,
 }
 
 /// How the held-out starts came about.
@@ -99,7 +100,7 @@ pub struct StartReport {
 pub struct SetReport {
     /// The metric's label.
     pub metric: String,
-    /// The set's options, best first.
+    /// The candidates that make the set, best first: its options, or the one set that was learned as a whole.
     pub options: Vec<OptionReport>,
     /// `ψ` of the set (Eq. 4.4) by the returns that selected it; optimistic, because they did.
     pub selection_score: f64,
@@ -111,14 +112,14 @@ pub struct SetReport {
     pub against: Vec<Comparison>,
 }
 
-/// One chosen option.
+/// One chosen candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptionReport {
     /// Its number among the candidates.
     pub number: usize,
-    /// Its teacher.
-    pub teacher: usize,
+    /// Its teacher; `None` for sets learned by practice.
+    pub teacher: Option<usize>,
     /// Its score by the returns that selected it.
     pub selection_score: f64,
     /// Its own figures in the held-out contexts.
@@ -145,13 +146,13 @@ pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError>
     let view = View { run, discovery, contexts: &contexts, yardstick };
     let subset_rows: Vec<&[Rollout]> = subsets.iter().flatten().map(|id| options[id].as_slice()).collect();
     let sample = |name: &str, rows: &[&[Rollout]]| view.yardstick.sample(name, rows, &contexts.prices);
-    let mut baselines = vec![sample("random K-subsets", &subset_rows)];
-    baselines.extend(
-        names
-            .iter()
-            .zip(&rollouts)
-            .map(|(name, rows)| sample(name, &rows.iter().map(Vec::as_slice).collect::<Vec<_>>())),
-    );
+    // There are none where candidates are whole sets.
+    let subsets = (!subset_rows.is_empty()).then(|| sample("random K-subsets", &subset_rows));
+    let others = names
+        .iter()
+        .zip(&rollouts)
+        .map(|(name, rows)| sample(name, &rows.iter().map(Vec::as_slice).collect::<Vec<_>>()));
+    let baselines: Vec<Sample> = subsets.into_iter().chain(others).collect();
     let sets = (0..discovery.selection.choices.len())
         .map(|index| view.set(index, &options, &baselines))
         .collect::<Result<Vec<_>, _>>()?;
@@ -173,10 +174,14 @@ pub struct HeldOut {
     pub baselines: Vec<(String, Vec<Vec<Rollout>>)>,
 }
 
-/// Random `K`-subsets of the candidates, each drawn without replacement.
+/// Random `K`-subsets of the candidates, each drawn without replacement; none of candidates that are whole sets.
 fn random_subsets(run: &Run<'_>, candidates: usize) -> Vec<Vec<usize>> {
     let seed = run.seed.child("random subsets");
-    (0..run.experiment.report.random_subsets)
+    let count = match run.experiment.option_learner.way() {
+        Way::Imitates(_) => run.experiment.report.random_subsets,
+        Way::Practises(_) => 0,
+    };
+    (0..count)
         .map(|index| {
             let mut stream = seed.index(index as u64).stream();
             let mut ids: Vec<usize> = (0..candidates).collect();
@@ -211,32 +216,33 @@ fn measure_baselines(
     contexts: &ContextSet,
 ) -> Result<Baselines, RunError> {
     let one = |name: &str, role| vec![Performer { name: name.to_owned(), role }];
-    let teacher = || duplicate(&run.experiment.teacher);
-    let teachers: Vec<Performer> = discovery
-        .teachers
-        .iter()
-        .enumerate()
-        .filter(|(_, t)| t.usable)
-        .map(|(m, t)| Performer {
-            name: format!("teacher {m}"),
-            role: PerformerRole::Teacher {
-                teacher: teacher(),
-                key: t.key,
-                snapshot: None,
-                acts: TeacherActs::Mean,
-            },
-        })
-        .collect();
     let seed = run.seed.child("untrained");
     let mut groups = vec![
         ("random torque", one("random torque", PerformerRole::Plain(|| Behavior::RandomTorque))),
         ("zero torque", one("zero torque", PerformerRole::Plain(|| Behavior::ZeroTorque))),
     ];
-    if run.experiment.teacher.untrained(&run.spec, &seed).is_some() {
-        let role = PerformerRole::Untrained { teacher: teacher(), seed, acts: TeacherActs::Sample };
-        groups.push(("untrained teacher", one("untrained teacher", role)));
+    if let Some(config) = &run.experiment.teacher {
+        if config.untrained(&run.spec, &seed).is_some() {
+            let role =
+                PerformerRole::Untrained { teacher: duplicate(config), seed, acts: TeacherActs::Sample };
+            groups.push(("untrained teacher", one("untrained teacher", role)));
+        }
+        let usable = discovery.teachers.iter().enumerate().filter(|(_, teacher)| teacher.usable);
+        let teachers: Vec<Performer> = usable
+            .map(|(m, teacher)| Performer {
+                name: format!("teacher {m}"),
+                role: PerformerRole::Teacher {
+                    teacher: duplicate(config),
+                    key: teacher.key,
+                    snapshot: None,
+                    acts: TeacherActs::Mean,
+                },
+            })
+            .collect();
+        if !teachers.is_empty() {
+            groups.push(("teachers", teachers));
+        }
     }
-    groups.push(("teachers", teachers));
     let (names, groups): (Vec<&str>, Vec<Vec<Performer>>) = groups.into_iter().unzip();
     let names = names.into_iter().map(str::to_owned).collect();
     let mut rollouts = run.evaluate("baselines", &groups, contexts, 0..contexts.keys.len())?.into_iter();
@@ -279,11 +285,15 @@ impl View<'_> {
         let selection_score = |id: usize| choice.scores[id].unwrap_or(f64::MIN);
         let scores: Vec<f64> = choice.chosen.iter().map(|id| selection_score(*id)).collect();
         let option = |id: &usize| {
-            let Candidate { number, teacher, .. } = self.discovery.candidates[*id];
-            let sample =
-                self.yardstick.sample(&format!("option {number}"), &[&options[id]], &self.contexts.prices);
+            let candidate = &self.discovery.candidates[*id];
+            let name = Performer::candidate(candidate).name;
+            let sample = self.yardstick.sample(&name, &[&options[id]], &self.contexts.prices);
             let row = self.yardstick.row(&sample)?;
-            Ok(OptionReport { number, teacher, selection_score: selection_score(*id), row })
+            let teacher = match candidate.origin {
+                Origin::Recording { teacher, .. } => Some(teacher),
+                Origin::Practice(_) => None,
+            };
+            Ok(OptionReport { number: candidate.number, teacher, selection_score: selection_score(*id), row })
         };
         Ok(SetReport {
             metric: choice.metric.clone(),
@@ -300,7 +310,11 @@ impl View<'_> {
 
     fn report(&self, sets: Vec<SetReport>, baselines: Vec<Row>) -> Report {
         let Discovery { teachers, candidates, given_up, selection, .. } = self.discovery;
-        let count = candidates.len().max(1) as f64;
+        let teacher_returns: Option<Vec<f64>> = candidates.iter().map(Candidate::teacher_return).collect();
+        let retakes = |candidate: &Candidate| match candidate.origin {
+            Origin::Recording { retakes, .. } => u64::from(retakes),
+            Origin::Practice(_) => 0,
+        };
         let average =
             |values: &[u32]| values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64;
         Report {
@@ -319,8 +333,9 @@ impl View<'_> {
             candidates: CandidateCounts {
                 usable: candidates.len(),
                 given_up: given_up.clone(),
-                retakes: candidates.iter().map(|c| u64::from(c.retakes)).sum(),
-                teacher_return: candidates.iter().map(|c| c.teacher_return).sum::<f64>() / count,
+                retakes: candidates.iter().map(retakes).sum(),
+                teacher_return: teacher_returns
+                    .map(|returns| returns.iter().sum::<f64>() / returns.len().max(1) as f64),
             },
             starts: StartReport {
                 contexts: self.contexts.count,

@@ -5,7 +5,8 @@
 //! | `report.json` | | [`crate::report::Report`] |
 //! | `experiment.toml` (beside `results/`) | | the whole resolved config; running it gives the same bytes |
 //! | `option_sets/<metric>/` | | [`crate::option_set::OptionSet`], one folder a metric |
-//! | `candidates.csv` | N rows | number, teacher, retakes, teacher_return, then one score column a metric |
+//! | `candidates.csv` | N rows | number, teacher, retakes, teacher_return, then one score column a metric; sets that were learned by practice have no teacher |
+//! | `practice.csv` | | of each such set: what the infant agent earned on the way |
 //! | `contexts_{select,report}.csv` | Z rows | task parameters, random_steps, redraws |
 //! | `select_terms.npy` | (N, Z, terms) f64 | sums of reward terms of each candidate in each selection context |
 //! | `select_length.npy`, `select_clamped.npy` | (N, Z) u32 | control steps taken; those with a clamped action |
@@ -22,8 +23,9 @@ use std::fmt::Write as _;
 use npyz::WriterBuilder as _;
 
 use crate::crew::RunError;
-use crate::discover::{Candidate, ContextSet, Discovery, Run};
+use crate::discover::{Candidate, ContextSet, Discovery, Origin, Run};
 use crate::option_set::{Manifest, OPTION_SET_FORMAT, OptionEntry, OptionSet};
+use crate::policy::CurvePoint;
 use crate::report::HeldOut;
 use crate::rollout::{Ending, Rollout};
 use crate::units::evaluate::ending_code;
@@ -47,6 +49,9 @@ pub fn write(run: &Run<'_>, discovery: &Discovery, held_out: &HeldOut) -> Result
         }
     }
     put("candidates.csv", candidates_csv(discovery).as_bytes())?;
+    if let Some(text) = practice_csv(discovery) {
+        put("practice.csv", text.as_bytes())?;
+    }
     put("contexts_select.csv", contexts_csv(&discovery.contexts).as_bytes())?;
     put("contexts_report.csv", contexts_csv(&held_out.contexts).as_bytes())?;
 
@@ -79,11 +84,14 @@ pub fn folder_name(label: &str) -> String {
 fn option_set(run: &Run<'_>, discovery: &Discovery, index: usize) -> Result<OptionSet, RunError> {
     let choice = &discovery.selection.choices[index];
     let chosen: Vec<&Candidate> = choice.chosen.iter().map(|id| &discovery.candidates[*id]).collect();
-    let options = chosen.iter().map(|candidate| run.option(candidate)).collect::<Result<Vec<_>, _>>()?;
-    let entries = choice.chosen.iter().zip(&options).map(|(id, option)| OptionEntry {
-        number: discovery.candidates[*id].number,
-        policy: option.format.clone(),
-        selection_score: choice.scores[*id].unwrap_or(f64::MIN),
+    let of_candidates =
+        chosen.iter().map(|candidate| run.options(candidate)).collect::<Result<Vec<_>, _>>()?;
+    let entries = choice.chosen.iter().zip(&of_candidates).flat_map(|(id, options)| {
+        options.iter().map(|option| OptionEntry {
+            number: discovery.candidates[*id].number,
+            policy: option.format.clone(),
+            selection_score: choice.scores[*id].unwrap_or(f64::MIN),
+        })
     });
     let manifest = Manifest {
         format: OPTION_SET_FORMAT,
@@ -95,7 +103,7 @@ fn option_set(run: &Run<'_>, discovery: &Discovery, index: usize) -> Result<Opti
         options: entries.collect(),
         experiment: serde_json::to_value(run.experiment).expect("a config is plain data"),
     };
-    Ok(OptionSet { manifest, options })
+    Ok(OptionSet { manifest, options: of_candidates.concat() })
 }
 
 fn candidates_csv(discovery: &Discovery) -> String {
@@ -106,14 +114,35 @@ fn candidates_csv(discovery: &Discovery) -> String {
     }
     text.push('\n');
     for (id, candidate) in discovery.candidates.iter().enumerate() {
-        let Candidate { number, teacher, retakes, teacher_return, .. } = candidate;
-        let _ = write!(text, "{number},{teacher},{retakes},{teacher_return}");
+        let _ = write!(text, "{},", candidate.number);
+        let _ = match candidate.origin {
+            Origin::Recording { teacher, retakes, teacher_return } => {
+                write!(text, "{teacher},{retakes},{teacher_return}")
+            }
+            Origin::Practice(_) => write!(text, ",,"),
+        };
         for choice in choices {
             let _ = write!(text, ",{}", choice.scores[id].map_or(String::new(), |score| score.to_string()));
         }
         text.push('\n');
     }
     text
+}
+
+/// One row a point of each set's curve; `None` where no candidate was learned by practice.
+fn practice_csv(discovery: &Discovery) -> Option<String> {
+    let mut text = "candidate,steps,mean_return,mean_length\n".to_owned();
+    let mut found = false;
+    for candidate in &discovery.candidates {
+        let Origin::Practice(story) = &candidate.origin else { continue };
+        found = true;
+        for CurvePoint { steps, mean_return, mean_length } in &story.curve {
+            let number = |value: &Option<f64>| value.map_or(String::new(), |value| value.to_string());
+            let (mean_return, mean_length) = (number(mean_return), number(mean_length));
+            let _ = writeln!(text, "{},{steps},{mean_return},{mean_length}", candidate.number);
+        }
+    }
+    found.then_some(text)
 }
 
 fn contexts_csv(contexts: &ContextSet) -> String {

@@ -1,4 +1,5 @@
-//! Algorithm 1(c): scoring candidates by every metric and choosing the `K` best of each.
+//! Algorithm 1(c): scoring candidates by every metric and choosing the `K` best of each, or the one best set where
+//! candidates are sets.
 
 use std::fmt;
 use std::ops::Range;
@@ -70,7 +71,7 @@ pub enum SelectError {
 pub struct Scoring<'a> {
     /// Who asks the metrics.
     pub judge: &'a dyn Judge,
-    /// `K`.
+    /// How many candidates are chosen: `K` options, or one set that was learned as a whole.
     pub set_size: usize,
     /// The metrics, in the order of the config.
     pub metrics: &'a [Box<dyn Metric>],

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use elo_core::context::InitialStates;
 use elo_core::fault::Faults;
-use elo_core::policy::{Demonstration, Lesson, OptionLearner as _, TeacherConfig as _, Unwatched};
+use elo_core::policy::{Demonstration, Imitate as _, Lesson, TeacherConfig as _, Unwatched};
 use elo_core::seed::Seed;
 use elo_core::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,

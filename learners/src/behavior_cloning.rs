@@ -1,7 +1,7 @@
 //! Closed-loop options by behaviour cloning: a small network fitted to what the teacher did where.
 
 use elo_core::fault::Faults;
-use elo_core::policy::{Demonstration, OptionLearner, OptionPolicy};
+use elo_core::policy::{Demonstration, Imitate, OptionLearner, OptionPolicy, Way};
 use elo_core::seed::Seed;
 use elo_core::spec::SimulatorSpec;
 use rand::seq::SliceRandom as _;
@@ -73,6 +73,12 @@ impl OptionLearner for BehaviorCloningConfig {
         });
     }
 
+    fn way(&self) -> Way<'_> {
+        Way::Imitates(self)
+    }
+}
+
+impl Imitate for BehaviorCloningConfig {
     fn learn(
         &self,
         demonstration: &Demonstration,

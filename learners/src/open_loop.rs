@@ -1,7 +1,9 @@
 //! Open-loop options (§5.1): the teacher's actions played again, whatever the robot sees.
 
 use elo_core::fault::Faults;
-use elo_core::policy::{Demonstration, OptionLearner, OptionPolicy, PolicyFormat, PolicyRecord};
+use elo_core::policy::{
+    Demonstration, Imitate, OptionLearner, OptionPolicy, PolicyFormat, PolicyRecord, Way,
+};
 use elo_core::seed::{Seed, Stream};
 use elo_core::spec::SimulatorSpec;
 use elo_core::tensors::{TensorError, Tensors};
@@ -26,6 +28,12 @@ pub struct OpenLoopConfig {}
 impl OptionLearner for OpenLoopConfig {
     fn validate(&self, _faults: &mut Faults) {}
 
+    fn way(&self) -> Way<'_> {
+        Way::Imitates(self)
+    }
+}
+
+impl Imitate for OpenLoopConfig {
     fn learn(
         &self,
         demonstration: &Demonstration,

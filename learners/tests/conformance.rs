@@ -41,7 +41,7 @@ fn every_option_learner_conforms_with_all_that_it_learns() {
     for plugin in PLUGINS.iter().filter(|plugin| plugin.role == Role::OptionLearner) {
         let learner: Box<dyn OptionLearner> = serde_json::from_value(quick(plugin)).unwrap();
         let formats = PLUGINS.iter().filter_map(|plugin| plugin.format).collect();
-        let case = option_learner::Case { learner, spec: PointMassConfig::default().description(), formats };
+        let case = option_learner::Case::new(learner, Box::new(PointMassConfig::default()), formats);
         option_learner::run(&case).require_clean().unwrap_or_else(|report| panic!("{report}"));
     }
 }

@@ -7,7 +7,9 @@ use elo_core::conformance::point_mass::PointMassConfig;
 use elo_core::fault::Faults;
 use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::plugin::Plugin;
-use elo_core::policy::{Demonstration, OptionLearner, OptionPolicy, PolicyFormat, PolicyRecord};
+use elo_core::policy::{
+    Demonstration, Imitate, OptionLearner, OptionPolicy, PolicyFormat, PolicyRecord, Way,
+};
 use elo_core::seed::{Seed, Stream};
 use elo_core::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
@@ -185,6 +187,12 @@ pub struct WaywardLearner {
 impl OptionLearner for WaywardLearner {
     fn validate(&self, _: &mut Faults) {}
 
+    fn way(&self) -> Way<'_> {
+        Way::Imitates(self)
+    }
+}
+
+impl Imitate for WaywardLearner {
     fn learn(
         &self,
         demonstration: &Demonstration,

@@ -10,6 +10,7 @@ use elo_backends::locomotion::robot;
 use elo_core::conformance::check::Report;
 use elo_core::conformance::simulator::Tolerance;
 use elo_core::conformance::{metric, option_learner, point_mass::PointMassConfig, simulator, teacher};
+use elo_core::discover::duplicate;
 use elo_core::fault::Faults;
 use elo_core::hosted::Hosted;
 use elo_core::metric::Metric;
@@ -136,19 +137,14 @@ fn every_teacher_conforms() {
 
 #[test]
 fn every_option_learner_conforms_with_every_robot() {
-    let mut specs = vec![PointMassConfig::default().description()];
+    let mut worlds: Vec<Box<dyn SimulatorConfig>> = vec![Box::new(PointMassConfig::default())];
     let rapier = of_role(Role::Simulator).find(|plugin| plugin.kind == "rapier").unwrap();
     for robot in robot::NAMES {
-        let config: Box<dyn SimulatorConfig> = config(rapier, &json!({ "robot": robot }));
-        specs.push(config.spec().unwrap());
+        worlds.push(config(rapier, &json!({ "robot": robot })));
     }
     for plugin in of_role(Role::OptionLearner) {
-        for spec in &specs {
-            let case = option_learner::Case {
-                learner: config(plugin, &quick()),
-                spec: spec.clone(),
-                formats: formats(),
-            };
+        for world in &worlds {
+            let case = option_learner::Case::new(config(plugin, &quick()), duplicate(world), formats());
             require(option_learner::run(&case));
         }
     }

@@ -7,7 +7,7 @@ use elo_core::context::{Context, PreparedStart};
 use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
 use elo_core::hosted::Hosted;
-use elo_core::policy::Unwatched;
+use elo_core::policy::{Unwatched, Way};
 use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::Task;
@@ -27,26 +27,34 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     let prefix = u64::from(experiment.initial_states.max_random_steps) / 2;
     let (n, z, t) = (sizes.candidates as u64, sizes.contexts as u64, sizes.steps as u64);
     let metrics = experiment.metrics.len() as u64;
-    let measured = (metrics + experiment.report.random_subsets as u64) * sizes.set_size as u64;
-    let report_rows = measured.min(n) + 3 + sizes.teachers as u64;
+    let (subsets, practice) = match experiment.option_learner.way() {
+        Way::Imitates(_) => (experiment.report.random_subsets as u64, 0),
+        Way::Practises(learner) => (0, n * learner.simulator_steps(sizes.steps)),
+    };
+    let recorded: u64 = experiment.recordings().iter().map(|span| span.count as u64).sum();
+    let (teachers, recorded) = if experiment.records() { (sizes.teachers as u64, recorded) } else { (0, 0) };
+    let training = experiment.teacher.as_ref().map_or(0, |teacher| teacher.simulator_steps());
+    let measured = (metrics + subsets) * experiment.candidates_of_a_set() as u64;
+    let report_rows = measured.min(n) + 3 + teachers;
     let report_contexts = experiment.report.contexts as u64;
     let selection_rollouts = experiment.selector.rollouts(n, z);
     let stages = [
-        ("teachers", sizes.teachers as u64 * experiment.teacher.simulator_steps()),
-        ("recordings", n * (prefix + t)),
+        ("teachers", teachers * training),
+        ("recordings", recorded * (prefix + t)),
+        ("option sets", practice),
         ("contexts", (z + report_contexts) * prefix),
         ("selection rollouts", selection_rollouts * t),
         ("report rollouts", report_rows * report_contexts * t),
     ];
     let rollouts = selection_rollouts + report_rows * report_contexts;
     let terms = spec.reward_terms.len() as u64;
-    let recorded = n * t * (spec.observation_size + spec.action_size()) as u64 * 4;
+    let recorded = recorded * t * (spec.observation_size + spec.action_size()) as u64 * 4;
     let tables = rollouts * (8 * terms + 9) * 2;
-    let teachers = sizes.teachers as u64 * (8 << 20);
+    let trained = (teachers + if practice > 0 { n } else { 0 }) * (8 << 20);
 
     let mut text = format!("{}, {} workers\n", spec.robot, workers);
     let step = seconds_per_step(experiment);
-    for (stage, steps) in stages {
+    for (stage, steps) in stages.into_iter().filter(|(_, steps)| *steps > 0) {
         let _ = write!(text, "{stage:<20} {:>16} simulator steps at most", grouped(steps));
         if let Ok(step) = &step {
             let time = Duration::from_secs_f64(steps as f64 * step / workers as f64);
@@ -56,16 +64,15 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     }
     let total: u64 = stages.iter().map(|(_, steps)| steps).sum();
     let _ = writeln!(text, "{:<20} {:>16} simulator steps", "all", grouped(total));
-    let _ =
-        writeln!(text, "{:<20} {:>16} MiB at most", "disk", grouped((recorded + tables + teachers) >> 20));
-    let _ = writeln!(text, "{:<20} {:>16} MiB at most", "memory", grouped((rollouts * 120 + teachers) >> 20));
+    let _ = writeln!(text, "{:<20} {:>16} MiB at most", "disk", grouped((recorded + tables + trained) >> 20));
+    let _ = writeln!(text, "{:<20} {:>16} MiB at most", "memory", grouped((rollouts * 120 + trained) >> 20));
     match step {
         Ok(step) => {
             let time = Duration::from_secs_f64(total as f64 * step / workers as f64);
             let _ = writeln!(text, "{:<20} {:>16}", "time", format!("about {}", duration(time)));
             text.push_str(
-                "The time is that of the simulator alone, measured just now with random actions. The teachers' own learning\n\
-                 and starts that fall and are drawn again come on top; what is done already is not taken off.\n",
+                "The time is that of the simulator alone, measured just now with random actions. Learning itself and\n\
+                 starts that fall and are drawn again come on top; what is done already is not taken off.\n",
             );
         }
         Err(why) => {

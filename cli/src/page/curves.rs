@@ -19,7 +19,7 @@ pub fn section(sheet: &mut Sheet<'_>) -> Section {
     let body = match &sheet.run.experiments {
         None => sheet.absent("The learning curve was", Part::Experiments),
         Some(found) if found.curve.is_empty() => html! {
-            p.absent { "This run's teacher keeps no policies on its way, so there is no learning curve: `teacher.snapshots` sets how many a PPO keeps." }
+            p.absent { "This run has no teacher, or one that keeps no policies on its way, so there is no learning curve: `teacher.snapshots` sets how many a PPO keeps." }
         },
         Some(found) => whole(sheet, found),
     };

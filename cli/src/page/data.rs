@@ -43,8 +43,8 @@ pub struct RunData {
 /// The fields of a config that the page speaks of.
 #[derive(Clone, Debug, serde::Deserialize)]
 pub struct Plan {
-    /// `[teacher]`.
-    pub teacher: Teacher,
+    /// `[teacher]`, if there is one.
+    pub teacher: Option<Teacher>,
     /// `[report]`.
     pub report: ReportFields,
     /// `[failures]`.
@@ -114,7 +114,10 @@ impl RunData {
 
     /// How the page calls its teacher.
     pub fn teacher_name(&self) -> String {
-        let kind = &self.plan.teacher.kind;
-        if kind == "ppo" { "PPO".to_owned() } else { format!("the teacher ({kind})") }
+        match self.plan.teacher.as_ref().map(|teacher| teacher.kind.as_str()) {
+            Some("ppo") => "PPO".to_owned(),
+            Some(kind) => format!("the teacher ({kind})"),
+            None => "the teacher".to_owned(),
+        }
     }
 }

@@ -75,7 +75,7 @@ fn report(sizes: Sizes) -> Report {
     let option = |set: usize, place: usize| {
         let number = (set * 7 + place * 13) % sizes.candidates;
         let row = row(&format!("option {number}"), 100 * set + place);
-        OptionReport { number, teacher: place % 2, selection_score: 0.3 - 0.01 * place as f64, row }
+        OptionReport { number, teacher: Some(place % 2), selection_score: 0.3 - 0.01 * place as f64, row }
     };
     let sets = METRICS.iter().enumerate().map(|(set, metric)| SetReport {
         metric: (*metric).to_owned(),
@@ -102,7 +102,7 @@ fn report(sizes: Sizes) -> Report {
             usable: sizes.candidates,
             given_up: vec![3],
             retakes: 9,
-            teacher_return: 241.6,
+            teacher_return: Some(241.6),
         },
         starts: StartReport { contexts: sizes.contexts, mean_random_steps: 9.9, mean_redraws: 5.2 },
         scale: Scale { offset: -45.83, scale: 200.29 },

@@ -52,7 +52,7 @@ fn card(sheet: &Sheet<'_>, option: &OptionReport, plot: Option<&Markup>, at: &At
         div.card {
             h4 { (option.row.name) }
             dl {
-                dt { "teacher" } dd { (option.teacher) }
+                @if let Some(teacher) = option.teacher { dt { "teacher" } dd { (teacher) } }
                 dt { "return" } dd { (figure(&option.row.mean_return, RETURN_DIGITS, &row.then("mean_return"))) }
                 dt { "mean" } dd { (figure(&option.row.mean, SCORE_DIGITS, &row.then("mean"))) }
                 dt { "falls" } dd { (share(&option.row.falls, &row.then("falls"))) }

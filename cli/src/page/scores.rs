@@ -15,7 +15,7 @@ pub fn section(sheet: &mut Sheet<'_>) -> Section {
         run.report.sets.iter().enumerate().map(|(index, set)| plot(sheet, set, index)).collect();
     let body = html! {
         p {
-            "Scores of all candidates on the selecting contexts (Figure 5.6). Strokes below the axis are the chosen options."
+            "Scores of all candidates on the selecting contexts (Figure 5.6). Strokes below the axis are the chosen ones."
         }
         div.grid { @for plot in &plots { (plot) } }
         @if let Some(found) = &run.experiments {

@@ -22,8 +22,9 @@ pub fn section(sheet: &mut Sheet<'_>) -> Section {
     let body = html! {
         p.lead {
             "A " (report.robot) " in " (report.engine.name) " " (report.engine.version) ", seed " (report.seed) ": "
-            (report.teachers.len()) " teachers and " (report.candidates.usable) " candidate options. "
-            "The infant agent picks one option of a set at random and runs it to its end. Unless said otherwise, what follows is "
+            (report.teachers.len()) " teachers and " (report.candidates.usable)
+            @if report.candidates.teacher_return.is_some() { " candidate options. " } @else { " candidate sets learned by practice. " }
+            "The infant agent picks one option of a set at random, by interest where options have one, and runs it to its end. Unless said otherwise, what follows is "
             "from " (report.starts.contexts) " held-out contexts, which chose nothing. Brackets hold "
             (percent(run.plan.report.confidence, 0)) " % intervals over contexts."
         }
@@ -151,7 +152,7 @@ fn warnings(sheet: &Sheet<'_>) -> Markup {
             ul.warnings {
                 @for warning in &report.warnings { li { (warning) } }
                 @if !failures.is_empty() { li { "Rollouts that failed: " (failures.len()) ". Such rollouts " (policy(sheet.run.plan.failures.policy)) "; see the last section." } }
-                @if given_up > 0 { li { "Candidates that were given up, because every recording fell: " (given_up) "." } }
+                @if given_up > 0 { li { "Candidates that were given up, because every recording fell or every training diverged: " (given_up) "." } }
                 @if diverged > 0 { li { "Trainings that diverged and were given up: " (diverged) "." } }
             }
         }

@@ -70,7 +70,9 @@ fn set_tables(set: &SetReport, at: &At) -> Markup {
         (table(&format!("The set of {} and its options", set.metric), &row_headings("who"), &html! {
             (row(&html! { strong { "the set" } }, &set.row, &at.then("row")))
             @for (index, option) in set.options.iter().enumerate() {
-                @let name = html! { (option.row.name) " " small { "teacher " (option.teacher) } };
+                @let name = html! {
+                    (option.row.name) @if let Some(teacher) = option.teacher { " " small { "teacher " (teacher) } }
+                };
                 (row(&name, &option.row, &at.then("options").then(index).then("row")))
             }
         }))

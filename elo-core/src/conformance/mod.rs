@@ -22,6 +22,7 @@ pub mod check;
 mod compare;
 mod config;
 mod damage;
+mod interruptible;
 #[cfg(test)]
 mod liars;
 pub mod metric;

@@ -4,7 +4,6 @@ use serde::{Deserialize, Serialize};
 
 use super::{Measured, View};
 use crate::crew::RunError;
-use crate::discover::duplicate;
 use crate::experiment::TeacherActs;
 use crate::figures::{Row, Sample};
 use crate::key::Key;
@@ -85,11 +84,11 @@ struct Kept {
 pub(crate) fn measure(view: &View<'_>) -> Result<Option<LearningCurve>, RunError> {
     let run = view.run;
     let seed = run.seed.child("learning curve");
-    let teacher = &run.experiment.teacher;
+    let Some(teacher) = &run.experiment.teacher else { return Ok(None) };
     if teacher.untrained(&run.spec, &seed).is_none() {
         return Ok(None);
     }
-    let key = run.crew.complete("learning curve", &[run.training(&Task::default(), seed.clone())])?[0];
+    let key = run.crew.complete("learning curve", &[run.training(&Task::default(), seed.clone())?])?[0];
     let Some(trained) = TeacherResult::decode(&run.crew.result(&key)?)?.trained else { return Ok(None) };
     if trained.snapshots.is_empty() {
         return Ok(None);
@@ -114,20 +113,21 @@ struct Way<'a> {
 
 impl Way<'_> {
     fn measure(&self, steps: &[u64], acts: TeacherActs) -> Result<Vec<Measured>, RunError> {
-        let performers = (0..steps.len()).map(|index| self.policy(index, steps[index], acts)).collect();
+        let performers = (0..steps.len()).map(|index| self.policy(index, steps[index], acts));
+        let performers = performers.collect::<Result<_, _>>()?;
         let rows = self.view.run_in_contexts(performers)?;
         let named = rows.into_iter().zip(steps);
         Ok(named.map(|(row, steps)| self.view.measured(&name(*steps), vec![row])).collect())
     }
 
     /// The untrained policy is the first, then the snapshots follow.
-    fn policy(&self, index: usize, steps: u64, acts: TeacherActs) -> Performer {
-        let teacher = duplicate(&self.view.run.experiment.teacher);
+    fn policy(&self, index: usize, steps: u64, acts: TeacherActs) -> Result<Performer, RunError> {
+        let teacher = self.view.run.teacher()?;
         let role = match index.checked_sub(1) {
             None => PerformerRole::Untrained { teacher, seed: self.seed.child("untrained"), acts },
             Some(index) => PerformerRole::Teacher { teacher, key: self.key, snapshot: Some(index), acts },
         };
-        Performer { name: format!("{} {acts:?}", name(steps)), role }
+        Ok(Performer { name: format!("{} {acts:?}", name(steps)), role })
     }
 }
 

@@ -193,17 +193,14 @@ impl View<'_> {
     fn mixed(&self) -> Result<Measured, RunError> {
         let choice = &self.discovery.selection.choices[0];
         let primitive_probability = self.run.experiment.experiments.primitive_probability;
-        let options = choice.chosen.iter().map(|id| {
-            let candidate = &self.discovery.candidates[*id];
-            (candidate.key, candidate.item)
-        });
+        let options = choice.chosen.iter().flat_map(|id| self.discovery.candidates[*id].options.clone());
         let name = format!("{} and primitive actions", choice.metric);
         let role = PerformerRole::Infant { options: options.collect(), primitive_probability };
         let rows = self.run_in_contexts(vec![Performer { name: name.clone(), role }])?;
         Ok(self.measured(&name, rows))
     }
 
-    /// The sets of another learner, from the same recordings, selected by the same metrics.
+    /// The sets of another learner, selected by the same metrics; of one that imitates, from the same recordings.
     fn of_learner(&self, learner: &dyn OptionLearner) -> Result<Vec<Measured>, RunError> {
         let text = serde_json::to_value(learner).expect("a config is plain data");
         let kind = text["kind"].as_str().unwrap_or("learner").to_owned();

@@ -20,7 +20,8 @@ pub struct ExperimentsPlan {
     pub trained_steps: u64,
     /// Values of `k` for which the metrics with a tail each select a set.
     pub sweep: Vec<f64>,
-    /// Option learners whose sets, made from the same recordings, are measured beside the run's own.
+    /// Option learners whose sets are measured beside the run's own: where that imitates, others that learn from the same
+    /// recordings; where it practises, others that practise.
     pub other_learners: Vec<Box<dyn OptionLearner>>,
 }
 

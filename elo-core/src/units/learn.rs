@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::codec::{self, Malformed};
 use super::{Span, Work, WorkError, input, record};
-use crate::policy::{Monitor, OptionLearner, PolicyRecord};
+use crate::policy::{Monitor, OptionLearner, PolicyRecord, Way};
 use crate::seed::Seed;
 use crate::spec::SimulatorSpec;
 use crate::tensors::Tensors;
@@ -29,12 +29,17 @@ impl Learn {
         inputs: &[Vec<u8>],
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
+        let Way::Imitates(learner) = self.learner.way() else {
+            return Err(WorkError::Failed(
+                "this option learner does not learn from recordings alone".to_owned(),
+            ));
+        };
         let recordings = record::decode(input(inputs, 0)?)?;
         let mut options = Vec::with_capacity(recordings.len());
         for ((i, seed), recording) in self.span.seeds(&self.seed).zip(&recordings) {
             monitor.progress(options.len() as u64, self.span.count as u64)?;
             let option = recording.demonstration.as_ref().map(|demonstration| {
-                let learned = self.learner.learn(demonstration, &self.spec, &seed);
+                let learned = learner.learn(demonstration, &self.spec, &seed);
                 learned
                     .map(|option| option.record())
                     .map_err(|why| WorkError::Failed(format!("candidate {i}: {why}")))

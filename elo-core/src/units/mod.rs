@@ -5,12 +5,14 @@
 //! holds that stage's own parameters and nothing else, because the unit's key is their hash: what is not in here cannot
 //! cause work to be done again.
 
+mod attempts;
 pub mod codec;
 pub mod describe;
 pub mod evaluate;
 pub mod film;
 pub mod learn;
 pub mod play;
+pub mod practise;
 pub mod prepare;
 pub mod record;
 pub mod score;
@@ -41,6 +43,8 @@ pub enum Work {
     Record(record::Record),
     /// The options of those recordings.
     Learn(learn::Learn),
+    /// One set of options that are learned together.
+    Practise(practise::Practise),
     /// Some contexts.
     Prepare(prepare::Prepare),
     /// Some rollouts.
@@ -63,6 +67,7 @@ impl Work {
             Self::Train(_) => "train",
             Self::Record(_) => "record",
             Self::Learn(_) => "learn",
+            Self::Practise(_) => "practise",
             Self::Prepare(_) => "prepare",
             Self::Evaluate(_) => "evaluate",
             Self::Trace(_) => "trace",
@@ -78,6 +83,7 @@ impl Work {
         match self {
             Self::Train(work) => Some(work.simulator.as_ref()),
             Self::Record(work) => Some(work.simulator.as_ref()),
+            Self::Practise(work) => Some(work.simulator.as_ref()),
             Self::Prepare(work) => Some(work.simulator.as_ref()),
             Self::Evaluate(Evaluate { play, .. })
             | Self::Trace(Trace(play))
@@ -99,7 +105,7 @@ impl Work {
             }
             Self::Score(work) => vec![work.metric.hosted()],
             Self::Describe(work) => vec![work.hosted()],
-            Self::Prepare(_) | Self::Learn(_) => Vec::new(),
+            Self::Prepare(_) | Self::Learn(_) | Self::Practise(_) => Vec::new(),
         };
         simulator.into_iter().chain(other).flatten().collect()
     }
@@ -118,6 +124,7 @@ impl Work {
             Self::Train(work) => &work.seed,
             Self::Record(work) => &work.seed,
             Self::Learn(work) => &work.seed,
+            Self::Practise(work) => &work.seed,
             Self::Prepare(work) => &work.seed,
             Self::Evaluate(Evaluate { play, .. })
             | Self::Trace(Trace(play))
@@ -142,6 +149,7 @@ impl Work {
             Self::Train(work) => work.perform(monitor),
             Self::Record(work) => work.perform(inputs, site, monitor),
             Self::Learn(work) => work.perform(inputs, monitor),
+            Self::Practise(work) => work.perform(inputs, monitor),
             Self::Prepare(work) => work.perform(site, monitor),
             Self::Evaluate(work) => work.perform(inputs, site, monitor),
             Self::Trace(work) => work.perform(inputs, site, monitor),
@@ -165,6 +173,7 @@ impl Work {
             Self::Train(_)
             | Self::Record(_)
             | Self::Learn(_)
+            | Self::Practise(_)
             | Self::Prepare(_)
             | Self::Trace(_)
             | Self::Score(_)

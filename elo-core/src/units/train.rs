@@ -2,11 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::attempts::attempt;
 use super::codec::{self, Malformed};
 use super::{Work, WorkError};
 use crate::agent::{Agent, RandomTorque, Taught};
 use crate::context::{Context, InitialStates, PreparedStart};
-use crate::policy::{CurvePoint, Lesson, Monitor, Snapshot, Stopped, TeacherConfig, TrainError, Trained};
+use crate::policy::{CurvePoint, Lesson, Monitor, Snapshot, TeacherConfig, TrainError, Trained};
 use crate::rollout::{Horizon, price, rollout};
 use crate::seed::Seed;
 use crate::simulator::SimulatorConfig;
@@ -38,9 +39,6 @@ pub struct TeacherResult {
     pub diverged: Vec<String>,
 }
 
-/// Trainings that diverge are begun again with another seed this often.
-const ATTEMPTS: u64 = 3;
-
 /// Episodes in which a teacher is compared with random torque before it is accepted.
 const TRIAL_EPISODES: u64 = 30;
 
@@ -49,35 +47,18 @@ const TRIAL_STEPS: usize = 200;
 
 impl Train {
     pub(super) fn perform(&self, monitor: &mut dyn Monitor) -> Result<Vec<u8>, WorkError> {
-        let mut resumed =
-            monitor.resume().map(|bytes| Attempts::decode(&bytes)).transpose()?.unwrap_or_default();
-        while (resumed.diverged.len() as u64) < ATTEMPTS {
-            let seed = self.seed.child("attempt").index(resumed.diverged.len() as u64);
+        let outcome = attempt(&self.seed, monitor, |seed, monitor| {
             let lesson = Lesson {
                 simulator: self.simulator.as_ref(),
                 task: &self.task,
                 initial_states: &self.initial_states,
                 seed: seed.clone(),
             };
-            let mut inner = WithinAttempts { attempts: &mut resumed, monitor };
-            let outcome = self.teacher.train(&lesson, &mut inner).and_then(|trained| {
-                self.trial(&trained, &seed)?;
-                Ok(trained)
-            });
-            match outcome {
-                Ok(trained) => {
-                    return Ok(TeacherResult { trained: Some(trained), diverged: resumed.diverged }.encode());
-                }
-                Err(TrainError::Diverged { steps, reason }) => {
-                    resumed.diverged.push(format!("after {steps} steps: {reason}"));
-                    resumed.checkpoint = None;
-                }
-                Err(TrainError::Stopped(stopped)) => return Err(stopped.into()),
-                Err(TrainError::Build(error)) => return Err(error.into()),
-                Err(TrainError::Other(reason)) => return Err(WorkError::Failed(reason)),
-            }
-        }
-        Ok(TeacherResult { trained: None, diverged: resumed.diverged }.encode())
+            let trained = self.teacher.train(&lesson, monitor)?;
+            self.trial(&trained, seed)?;
+            Ok(trained)
+        })?;
+        Ok(TeacherResult { trained: outcome.trained, diverged: outcome.diverged }.encode())
     }
 
     /// Refuses a teacher that is worse than random torque from the same starts, beyond what chance explains.
@@ -119,44 +100,6 @@ impl Train {
 impl From<Train> for Work {
     fn from(work: Train) -> Self {
         Self::Train(work)
-    }
-}
-
-/// What a checkpoint of this unit holds: the attempts given up, and the running one's own checkpoint.
-#[derive(Debug, Default)]
-struct Attempts {
-    diverged: Vec<String>,
-    checkpoint: Option<Vec<u8>>,
-}
-
-impl Attempts {
-    fn encode(diverged: &[String], checkpoint: &[u8]) -> Vec<u8> {
-        codec::encode(&diverged, &[checkpoint])
-    }
-
-    fn decode(bytes: &[u8]) -> Result<Self, Malformed> {
-        let (diverged, sections) = codec::decode(bytes)?;
-        Ok(Self { diverged, checkpoint: sections.first().map(|bytes| bytes.to_vec()) })
-    }
-}
-
-/// Puts the attempts given up beside the running training's checkpoints.
-struct WithinAttempts<'a> {
-    attempts: &'a mut Attempts,
-    monitor: &'a mut dyn Monitor,
-}
-
-impl Monitor for WithinAttempts<'_> {
-    fn resume(&mut self) -> Option<Vec<u8>> {
-        self.attempts.checkpoint.take()
-    }
-
-    fn checkpoint(&mut self, bytes: &[u8]) -> Result<(), Stopped> {
-        self.monitor.checkpoint(&Attempts::encode(&self.attempts.diverged, bytes))
-    }
-
-    fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped> {
-        self.monitor.progress(done, total)
     }
 }
 

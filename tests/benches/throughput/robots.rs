@@ -4,7 +4,7 @@ use std::error::Error;
 
 use elo_backends::mujoco::MujocoConfig;
 use elo_backends::rapier::RapierConfig;
-use elo_core::policy::{Demonstration, OptionLearner as _, OptionPolicy};
+use elo_core::policy::{Demonstration, Imitate as _, OptionPolicy};
 use elo_core::seed::Seed;
 use elo_core::simulator::SimulatorConfig;
 use elo_core::spec::SimulatorSpec;

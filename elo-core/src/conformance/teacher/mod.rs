@@ -8,13 +8,14 @@ mod training;
 use std::fmt;
 use std::sync::OnceLock;
 
-use super::check::{Check, Finding, Report, Violation};
+use super::check::{Check, Report, Violation};
 use super::compare::granted;
 use super::config::{faultless, round_trip};
+use super::interruptible::{Interruptible, Stopwatch, Watched};
 use crate::context::InitialStates;
-use crate::policy::{CurvePoint, Lesson, Monitor, Stopped, TeacherConfig, TrainError, Trained};
+use crate::policy::{CurvePoint, Lesson, Monitor, TeacherConfig, TrainError, Trained};
 use crate::seed::Seed;
-use crate::simulator::{BuildError, SimulatorConfig};
+use crate::simulator::SimulatorConfig;
 use crate::task::Task;
 
 /// Every rule, in the order in which they are tried.
@@ -49,15 +50,7 @@ pub struct Case {
     simulator: Box<dyn SimulatorConfig>,
     task: Task,
     initial_states: InitialStates,
-    watched: OnceLock<Result<Watched, TrainError>>,
-}
-
-/// A whole training and what its monitor saw.
-#[derive(Debug)]
-struct Watched {
-    trained: Trained,
-    checkpoints: usize,
-    progress: Vec<(u64, u64)>,
+    watched: OnceLock<Result<Watched<Trained>, TrainError>>,
 }
 
 impl Case {
@@ -77,18 +70,21 @@ impl Case {
         };
         teacher.train(&lesson, monitor)
     }
+}
 
-    /// The training that nothing interrupts: done once, shared by the checks.
-    fn watched(&self) -> Result<&Watched, Finding> {
-        let watched = self.watched.get_or_init(|| {
-            let mut record = Stopwatch::never();
-            let trained = self.train(self.teacher.as_ref(), &mut record)?;
-            Ok(Watched { trained, checkpoints: record.checkpoints.len(), progress: record.progress })
-        });
-        watched.as_ref().map_err(|error| match error {
-            TrainError::Build(BuildError::MissingEngine { .. }) => Finding::Skipped(error.to_string()),
-            _ => Violation::new("training", "a teacher", error).into(),
-        })
+impl Interruptible for Case {
+    type Outcome = Trained;
+
+    fn run(&self, monitor: &mut dyn Monitor) -> Result<Trained, TrainError> {
+        self.train(self.teacher.as_ref(), monitor)
+    }
+
+    fn kept(&self) -> &OnceLock<Result<Watched<Trained>, TrainError>> {
+        &self.watched
+    }
+
+    fn same(expected: &Trained, got: &Trained) -> Result<(), Violation> {
+        same_training(expected, got)
     }
 }
 
@@ -98,57 +94,6 @@ impl fmt::Debug for Case {
             .field("teacher", &self.teacher)
             .field("simulator", &self.simulator)
             .finish_non_exhaustive()
-    }
-}
-
-/// A monitor that keeps what it is given and stops at a given moment.
-#[derive(Debug)]
-struct Stopwatch {
-    resume: Option<Vec<u8>>,
-    checkpoints: Vec<Vec<u8>>,
-    progress: Vec<(u64, u64)>,
-    stop: Stop,
-}
-
-/// When to stop; counted from 1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stop {
-    Never,
-    AtCheckpoint(usize),
-    AtProgress(usize),
-}
-
-impl Stopwatch {
-    fn never() -> Self {
-        Self::stopping(Stop::Never)
-    }
-
-    fn stopping(stop: Stop) -> Self {
-        Self { resume: None, checkpoints: Vec::new(), progress: Vec::new(), stop }
-    }
-
-    fn from(checkpoint: Option<Vec<u8>>, stop: Stop) -> Self {
-        Self { resume: checkpoint, ..Self::stopping(stop) }
-    }
-
-    fn go_on(&self, now: Stop) -> Result<(), Stopped> {
-        if self.stop == now { Err(Stopped) } else { Ok(()) }
-    }
-}
-
-impl Monitor for Stopwatch {
-    fn resume(&mut self) -> Option<Vec<u8>> {
-        self.resume.clone()
-    }
-
-    fn checkpoint(&mut self, bytes: &[u8]) -> Result<(), Stopped> {
-        self.checkpoints.push(bytes.to_vec());
-        self.go_on(Stop::AtCheckpoint(self.checkpoints.len()))
-    }
-
-    fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped> {
-        self.progress.push((done, total));
-        self.go_on(Stop::AtProgress(self.progress.len()))
     }
 }
 
@@ -162,7 +107,7 @@ const CONFIG_SURVIVES_FILES: Check<Case> = Check {
     name: "config_survives_files",
     rule: "Written as JSON or TOML and read back, the config trains the same teacher, bit for bit.",
     run: |case| {
-        let expected = &case.watched()?.trained;
+        let expected = &case.watched()?.outcome;
         for copy in round_trip(case.teacher.as_ref())? {
             let trained =
                 granted("training with the copy", case.train(copy.as_ref(), &mut Stopwatch::never()))?;

@@ -2,9 +2,11 @@
 
 use rand::RngExt as _;
 
-use super::{Case, Check, Finding, Violation, digest, same_text};
+use super::{Case, Check, Violation, digest, same_text};
+use crate::conformance::check::Finding;
 use crate::conformance::compare::{finite, granted, refused, same};
 use crate::conformance::damage::{demand_refusals, misshapen, missing, never, spoilt};
+use crate::conformance::interruptible::Interruptible as _;
 use crate::policy::TeacherPolicy;
 use crate::seed::Seed;
 use crate::spec::SimulatorSpec;
@@ -98,7 +100,7 @@ pub(super) const OTHER_ROBOTS_ARE_REFUSED: Check<Case> = Check {
     rule: "A robot with another observation size or another action size is refused.",
     run: |case| {
         let spec = spec(case)?;
-        let tensors = &case.watched()?.trained.policy;
+        let tensors = &case.watched()?.outcome.policy;
         let with = |change: fn(&mut SimulatorSpec)| {
             let mut other = spec.clone();
             change(&mut other);
@@ -163,7 +165,7 @@ fn spec(case: &Case) -> Result<SimulatorSpec, Violation> {
 }
 
 fn policy(case: &Case, spec: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, Finding> {
-    let tensors = &case.watched()?.trained.policy;
+    let tensors = &case.watched()?.outcome.policy;
     Ok(granted("loading the trained policy", case.teacher.load(tensors, spec))?)
 }
 
@@ -172,5 +174,5 @@ fn refuses(case: &Case, damage: fn(&Tensors) -> Vec<(String, Tensors)>) -> Resul
     let load = |tensors: &Tensors| -> Result<Box<dyn TeacherPolicy>, TensorError> {
         case.teacher.load(tensors, &spec)
     };
-    Ok(demand_refusals(damage(&case.watched()?.trained.policy), load, never)?)
+    Ok(demand_refusals(damage(&case.watched()?.outcome.policy), load, never)?)
 }

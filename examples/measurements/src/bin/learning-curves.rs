@@ -18,6 +18,7 @@ use elo_core::crew::{Crew, Staff, Unit, Watcher};
 use elo_core::discover::duplicate;
 use elo_core::experiment::{Experiment, TeacherActs};
 use elo_core::fingerprint::fingerprint;
+use elo_core::policy::TeacherConfig;
 use elo_core::rollout::{Ending, Horizon, Rollout, price};
 use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
@@ -50,7 +51,8 @@ fn main() -> Result<(), Failure> {
 
     let seeds: Vec<u64> = (1..=seeds.parse()?).collect();
     let roots: Vec<Seed> = seeds.iter().map(|seed| Seed::root(*seed).child("learning-curves")).collect();
-    let trainings: Vec<Unit> = roots.iter().map(|root| training(&experiment, root)).collect();
+    let trainings: Vec<Unit> =
+        roots.iter().map(|root| training(&experiment, root)).collect::<Result<_, _>>()?;
     let trained = crew.complete("trainings", &trainings)?;
 
     println!("engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls");
@@ -59,11 +61,11 @@ fn main() -> Result<(), Failure> {
         let result = TeacherResult::decode(&crew.result(key)?)?;
         let snapshots = result.trained.ok_or("a training diverged")?.snapshots;
         let contexts = crew.import(&prepare::encode(&contexts(root)))?;
-        let unit = |snapshot: usize| Unit {
-            work: episodes(&experiment, root, snapshot).into(),
-            inputs: vec![contexts, *key],
+        let unit = |snapshot: usize| {
+            let work = episodes(&experiment, root, snapshot)?.into();
+            Ok(Unit { work, inputs: vec![contexts, *key] })
         };
-        let units: Vec<Unit> = (0..snapshots.len()).map(unit).collect();
+        let units: Vec<Unit> = (0..snapshots.len()).map(unit).collect::<Result<_, Failure>>()?;
         for (snapshot, key) in snapshots.iter().zip(crew.complete("episodes", &units)?) {
             let table = RolloutTable::decode(&crew.result(&key)?)?;
             let figures = figures(&table, &spec.prices(&Task::default()))?;
@@ -73,15 +75,19 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-fn training(experiment: &Experiment, root: &Seed) -> Unit {
+fn teacher(experiment: &Experiment) -> Result<Box<dyn TeacherConfig>, Failure> {
+    Ok(experiment.teacher.as_ref().map(duplicate).ok_or("the config has no [teacher]")?)
+}
+
+fn training(experiment: &Experiment, root: &Seed) -> Result<Unit, Failure> {
     let work = Train {
         simulator: duplicate(&experiment.simulator),
-        teacher: duplicate(&experiment.teacher),
+        teacher: teacher(experiment)?,
         task: Task::default(),
         initial_states: experiment.initial_states.clone(),
         seed: root.child("teacher"),
     };
-    Unit { work: work.into(), inputs: Vec::new() }
+    Ok(Unit { work: work.into(), inputs: Vec::new() })
 }
 
 fn contexts(root: &Seed) -> Vec<Context> {
@@ -89,9 +95,9 @@ fn contexts(root: &Seed) -> Vec<Context> {
     (0..EPISODES).map(|episode| Context { task: Task::default(), start: start(episode) }).collect()
 }
 
-fn episodes(experiment: &Experiment, root: &Seed, snapshot: usize) -> Evaluate {
+fn episodes(experiment: &Experiment, root: &Seed, snapshot: usize) -> Result<Evaluate, Failure> {
     let behavior = Behavior::Teacher {
-        teacher: duplicate(&experiment.teacher),
+        teacher: teacher(experiment)?,
         input: 1,
         snapshot: Some(snapshot),
         acts: TeacherActs::Mean,
@@ -102,7 +108,7 @@ fn episodes(experiment: &Experiment, root: &Seed, snapshot: usize) -> Evaluate {
         horizon: Horizon { steps: 1000, discount: 1.0, stop_at_fall: true },
         seed: root.child("episodes"),
     };
-    Evaluate { contexts: 1, play }
+    Ok(Evaluate { contexts: 1, play })
 }
 
 /// Mean and deviation of returns, mean length, share of falls.

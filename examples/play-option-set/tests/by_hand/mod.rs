@@ -3,7 +3,7 @@
 use elo_core::conformance::point_mass::PointMassConfig;
 use elo_core::metric::Reference;
 use elo_core::option_set::{Manifest, OPTION_SET_FORMAT, OptionEntry, OptionSet};
-use elo_core::policy::{Demonstration, OptionLearner as _};
+use elo_core::policy::{Demonstration, Imitate as _};
 use elo_core::returns::Scale;
 use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;

@@ -1,16 +1,13 @@
-//! The suite of every [`OptionLearner`]; what it learns is put under the suite of [`super::option_policy`].
+//! Learners that imitate: one option of one recording.
 
-use rand::RngExt as _;
-
-use super::check::{Check, Finding, Report, Violation};
-use super::compare::{granted, refused};
-use super::config::{faultless, round_trip};
-use super::option_policy;
-use crate::policy::{Demonstration, OptionLearner, OptionPolicy, PolicyFormat};
+use super::super::check::{Check, Finding, Violation};
+use super::super::compare::{granted, refused};
+use super::super::config::round_trip;
+use super::{CONFIG_IS_VALID, Case, demonstration, malformed, same_option};
+use crate::policy::{Demonstration, OptionLearner, OptionPolicy, Way};
 use crate::seed::Seed;
-use crate::spec::SimulatorSpec;
 
-/// Every rule, in the order in which they are tried.
+/// Every rule, in the order in which they are tried. Costs about ten times learning from 12 control steps.
 pub const CHECKS: &[Check<Case>] = &[
     CONFIG_IS_VALID,
     CONFIG_SURVIVES_FILES,
@@ -20,35 +17,13 @@ pub const CHECKS: &[Check<Case>] = &[
     MALFORMED_DEMONSTRATIONS_ARE_REFUSED,
 ];
 
-/// Tries every rule on `case`. Costs about ten times learning from 12 control steps.
-pub fn run(case: &Case) -> Report {
-    Report::of(format!("{:?}", case.learner), CHECKS, case)
-}
-
-/// A learner to be tried.
-#[derive(Debug)]
-pub struct Case {
-    /// The learner, with settings that learn from a few steps in a moment.
-    pub learner: Box<dyn OptionLearner>,
-    /// The robot that demonstrates.
-    pub spec: SimulatorSpec,
-    /// The formats in which what it learns may be stored.
-    pub formats: Vec<PolicyFormat>,
-}
-
-const CONFIG_IS_VALID: Check<Case> = Check {
-    name: "config_is_valid",
-    rule: "The config finds no fault in itself.",
-    run: |case| Ok(faultless(|faults| case.learner.validate(faults))?),
-};
-
 const CONFIG_SURVIVES_FILES: Check<Case> = Check {
     name: "config_survives_files",
     rule: "Written as JSON or TOML and read back, the config learns the same option, bit for bit.",
     run: |case| {
         let expected = learn(case, case.learner.as_ref(), 12)?;
         for copy in round_trip(case.learner.as_ref())? {
-            same_record(expected.as_ref(), learn(case, copy.as_ref(), 12)?.as_ref())?;
+            same_option(expected.as_ref(), learn(case, copy.as_ref(), 12)?.as_ref())?;
         }
         Ok(())
     },
@@ -61,10 +36,10 @@ const LEARNING_REPEATS: Check<Case> = Check {
     run: |case| {
         let expected = learn(case, case.learner.as_ref(), 12)?;
         learn(case, case.learner.as_ref(), 5)?;
-        same_record(expected.as_ref(), learn(case, case.learner.as_ref(), 12)?.as_ref())?;
+        same_option(expected.as_ref(), learn(case, case.learner.as_ref(), 12)?.as_ref())?;
         let there = std::thread::scope(|scope| scope.spawn(|| learn(case, case.learner.as_ref(), 12)).join())
             .map_err(|_| Violation::new("the other thread", "no panic", "a panic"))?;
-        same_record(expected.as_ref(), there?.as_ref()).map_err(|v| v.during("on another thread").into())
+        same_option(expected.as_ref(), there?.as_ref()).map_err(|v| v.during("on another thread").into())
     },
 };
 
@@ -77,21 +52,7 @@ const ONE_STEP_IS_ENOUGH: Check<Case> = Check {
 const LEARNED_OPTIONS_CONFORM: Check<Case> = Check {
     name: "learned_options_conform",
     rule: "What is learned names a known format and keeps every rule of option policies.",
-    run: |case| {
-        let policy = learn(case, case.learner.as_ref(), 12)?;
-        let name = policy.record().format;
-        let Some(format) = case.formats.iter().find(|format| format.name == name) else {
-            let known = case.formats.iter().map(|format| format.name).collect::<Vec<_>>().join(", ");
-            return Err(
-                Violation::new("format of the learned option", format!("one of {known}"), name).into()
-            );
-        };
-        let learned = option_policy::Case { policy, format: *format, spec: case.spec.clone() };
-        match option_policy::run(&learned).first_failure() {
-            None => Ok(()),
-            Some(failure) => Err(Violation::new("the learned option", "every rule kept", failure).into()),
-        }
-    },
+    run: |case| Ok(case.conforms(learn(case, case.learner.as_ref(), 12)?)?),
 };
 
 const MALFORMED_DEMONSTRATIONS_ARE_REFUSED: Check<Case> = Check {
@@ -99,55 +60,29 @@ const MALFORMED_DEMONSTRATIONS_ARE_REFUSED: Check<Case> = Check {
     rule: "A demonstration of no steps, of other lengths than its steps ask for, or with numbers that are not finite \
            is an error.",
     run: |case| {
-        let right = demonstration(&case.spec, 3);
-        let mut found = vec![("no steps", Demonstration { observations: vec![], actions: vec![], steps: 0 })];
-        let mut add = |what, change: fn(&mut Demonstration)| {
-            let mut wrong = right.clone();
-            change(&mut wrong);
-            found.push((what, wrong));
-        };
-        add("more steps than rows", |d| d.steps += 1);
-        add("fewer steps than rows", |d| d.steps -= 1);
-        add("an action too short", |d| d.actions.truncate(d.actions.len() - 1));
-        add("an observation too short", |d| d.observations.truncate(d.observations.len() - 1));
-        add("a NaN in an action", |d| d.actions[0] = f32::NAN);
-        add("an infinity in an observation", |d| d.observations[0] = f32::INFINITY);
-        for (what, wrong) in found {
-            let learned = case.learner.learn(&wrong, &case.spec, &Seed::root(1));
-            refused(format!("learning from {what}"), learned)?;
+        for (what, wrong) in malformed(&case.spec()?) {
+            refused(format!("learning from {what}"), imitate(case, case.learner.as_ref(), &wrong)?)?;
         }
         Ok(())
     },
 };
 
 fn learn(case: &Case, learner: &dyn OptionLearner, steps: usize) -> Result<Box<dyn OptionPolicy>, Violation> {
-    let learned = learner.learn(&demonstration(&case.spec, steps), &case.spec, &Seed::root(1));
+    let learned = imitate(case, learner, &demonstration(&case.spec()?, steps))?;
     granted(format!("learning from {steps} steps"), learned)
 }
 
-/// Slowly turning observations, and random actions within the bounds.
-fn demonstration(spec: &SimulatorSpec, steps: usize) -> Demonstration {
-    let mut stream = Seed::root(steps as u64).stream();
-    let observe = |step: usize, i: usize| (0.3 * step as f32 + i as f32).sin();
-    let observations =
-        (0..steps).flat_map(|step| (0..spec.observation_size).map(move |i| observe(step, i))).collect();
-    let bounds = || spec.action_low.iter().zip(&spec.action_high);
-    let actions = (0..steps)
-        .flat_map(|_| bounds())
-        .map(|(low, high)| low + stream.random::<f32>() * (high - low))
-        .collect();
-    Demonstration { observations, actions, steps }
-}
+type Learned = Result<Box<dyn OptionPolicy>, String>;
 
-fn same_record(expected: &dyn OptionPolicy, got: &dyn OptionPolicy) -> Result<(), Violation> {
-    let (expected, got) = (expected.record(), got.record());
-    if expected.format == got.format && expected.tensors.encode() == got.tensors.encode() {
-        return Ok(());
+fn imitate(
+    case: &Case,
+    learner: &dyn OptionLearner,
+    demonstration: &Demonstration,
+) -> Result<Learned, Violation> {
+    match learner.way() {
+        Way::Imitates(learner) => Ok(learner.learn(demonstration, &case.spec()?, &Seed::root(1))),
+        Way::Practises(_) => Err(Violation::new("the learner's way", "imitating", "practising")),
     }
-    let digest = |record: &crate::policy::PolicyRecord| {
-        format!("{} {}", record.format, blake3::hash(&record.tensors.encode()))
-    };
-    Err(Violation::new("digest of the learned option", digest(&expected), digest(&got)))
 }
 
 #[cfg(test)]
@@ -156,11 +91,14 @@ mod tests {
 
     use serde::{Deserialize, Serialize};
 
+    use super::super::run;
     use super::*;
     use crate::conformance::liars::{Lie, demand_that_liars_are_caught};
     use crate::conformance::option_policy::liars::{HONEST, Script};
     use crate::conformance::point_mass::PointMassConfig;
     use crate::fault::Faults;
+    use crate::policy::{Imitate, PolicyFormat};
+    use crate::spec::SimulatorSpec;
 
     /// Repeats the demonstrated actions, but for one lie.
     #[derive(Debug, Serialize, Deserialize)]
@@ -178,6 +116,12 @@ mod tests {
             faults.check(self.lie != "config_is_valid", "lie", || "expected the truth".to_owned());
         }
 
+        fn way(&self) -> Way<'_> {
+            Way::Imitates(self)
+        }
+    }
+
+    impl Imitate for Liar {
         fn learn(
             &self,
             demonstration: &Demonstration,
@@ -208,11 +152,12 @@ mod tests {
     }
 
     fn case(lie: &str) -> Case {
-        Case {
-            learner: Box::new(Liar { lie: lie.to_owned(), forgotten: 1.0, learned: AtomicU32::new(0) }),
-            spec: PointMassConfig::default().description(),
-            formats: vec![HONEST],
-        }
+        with_formats(lie, vec![HONEST])
+    }
+
+    fn with_formats(lie: &str, formats: Vec<PolicyFormat>) -> Case {
+        let liar = Liar { lie: lie.to_owned(), forgotten: 1.0, learned: AtomicU32::new(0) };
+        Case::new(Box::new(liar), Box::new(PointMassConfig::default()), formats)
     }
 
     #[test]
@@ -232,7 +177,7 @@ mod tests {
 
     #[test]
     fn options_of_an_unknown_format_do_not_conform() {
-        let report = run(&Case { formats: Vec::new(), ..case("none") });
+        let report = run(&with_formats("none", Vec::new()));
         assert_eq!(report.failed(), [LEARNED_OPTIONS_CONFORM.name], "{report}");
     }
 }
