@@ -4,13 +4,10 @@
 //! [`nn`] holds the small networks and their optimiser; [`kernels`] the formulas of the losses and estimates, as pure
 //! functions, each with a test whose numbers are worked out by hand.
 //!
-//! [`interest`] learns sets of closed-loop options from a simulator, for programs that call it; configs cannot choose it
-//! yet, because an [`elo_core::policy::OptionLearner`] learns one option from one recording.
-//!
 //! # Adding a learner
 //!
-//! Write a config struct that implements [`elo_core::policy::TeacherConfig`] or [`elo_core::policy::OptionLearner`] in
-//! a file of its own (a folder, if it is long), with `Default`, a sentence for each field, and `validate`; add its `mod`
+//! Write a config struct that implements [`elo_core::policy::TeacherConfig`], or [`elo_core::policy::OptionLearner`] with
+//! one of its two ways ([`elo_core::policy::Imitate`], [`elo_core::policy::Practise`]), in a file of its own (a folder, if it is long), with `Default`, a sentence for each field, and `validate`; add its `mod`
 //! line here and its entry to [`PLUGINS`]. Options that fit no format in the list bring their own
 //! [`elo_core::policy::PolicyFormat`], with an entry too. The tests of this crate walk the list and run the conformance
 //! suites on whatever is in it.
@@ -44,6 +41,11 @@ pub const PLUGINS: &[Plugin] = &[
         "behavior_cloning",
         "a small network that acts as the teacher acted where it saw the same",
     ),
+    Plugin::option_learner::<interest::InterestConfig>(
+        "interest",
+        "learns a whole set by practice: closed-loop options with interests and a learned duration (§6.2)",
+    ),
     Plugin::policy_format(open_loop::FORMAT),
     Plugin::policy_format(mlp_policy::FORMAT),
+    Plugin::policy_format(interest::FORMAT),
 ];

@@ -14,6 +14,9 @@ fn quick_fields(kind: &str) -> serde_json::Value {
             "steps": 2000, "rollout_steps": 200, "environments": 2, "minibatch": 50, "epochs": 3, "hidden": [8],
             "snapshots": 4, "d0_pool": 10, "max_episode_steps": 60, "checkpoint_every": 400,
         }),
+        "interest" => serde_json::json!({
+            "iterations": 4, "rollouts": 3, "epochs": 2, "hidden": [8], "checkpoint_every": 1,
+        }),
         "behavior_cloning" => serde_json::json!({ "hidden": [8], "epochs": 5 }),
         _ => serde_json::json!({}),
     }

@@ -4,21 +4,19 @@
 use elo_core::conformance::option_policy;
 use elo_core::conformance::point_mass::PointMassConfig;
 use elo_core::context::InitialStates;
-use elo_core::policy::Unwatched;
+use elo_core::policy::{Practice, Unwatched};
 use elo_core::seed::Seed;
 use elo_core::task::{Range, TaskDistribution};
 use elo_learners::interest::duration::Band;
-use elo_learners::interest::{FORMAT, InterestConfig, LearningRates, Practice, train};
+use elo_learners::interest::{FORMAT, InterestConfig, LearningRates, train};
 
 #[test]
 fn options_for_a_mass_of_unknown_weight_earn_more_with_practice_and_last_as_asked() {
     let config = InterestConfig {
-        options: 3,
         continuations: Band { low: 4.0, high: 6.0 },
         duration_weight: 10.0,
         iterations: 60,
         rollouts: 16,
-        rollout_steps: 60,
         learning_rates: LearningRates { policies: 3e-3, interests: 3e-3, termination: 0.02, critic: 3e-3 },
         hidden: vec![16],
         ..InterestConfig::default()
@@ -34,6 +32,9 @@ fn options_for_a_mass_of_unknown_weight_earn_more_with_practice_and_last_as_aske
         simulator: &simulator,
         tasks: &tasks,
         initial_states: &initial_states,
+        set_size: 3,
+        steps: 60,
+        demonstrations: &[],
         seed: Seed::root(1),
     };
     let learned = train(&config, &practice, &mut Unwatched).unwrap();

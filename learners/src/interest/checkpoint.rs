@@ -89,21 +89,18 @@ mod tests {
 
     use elo_core::conformance::point_mass::PointMassConfig;
     use elo_core::context::InitialStates;
-    use elo_core::policy::{Monitor, Stopped, Unwatched};
-    use elo_core::seed::Seed;
+    use elo_core::policy::{Monitor, Practice, Stopped, Unwatched};
     use elo_core::task::TaskDistribution;
 
     use super::super::config::InterestConfig;
-    use super::super::practice::Practice;
     use super::super::train::train;
+    use super::super::worlds::practice;
     use super::*;
 
     fn config() -> InterestConfig {
         InterestConfig {
-            options: 2,
             iterations: 6,
             rollouts: 2,
-            rollout_steps: 20,
             epochs: 2,
             hidden: vec![4],
             checkpoint_every: 2,
@@ -114,12 +111,7 @@ mod tests {
     fn with_practice<T>(run: impl FnOnce(&Practice<'_>) -> T) -> T {
         let (tasks, initial_states) = (TaskDistribution::default(), InitialStates::default());
         let simulator = PointMassConfig::default();
-        run(&Practice {
-            simulator: &simulator,
-            tasks: &tasks,
-            initial_states: &initial_states,
-            seed: Seed::root(1),
-        })
+        run(&practice(&simulator, &tasks, &initial_states, 20, 1))
     }
 
     /// Stops at its `until`th checkpoint, and starts from the one that it has.
@@ -170,12 +162,12 @@ mod tests {
             for length in (0..bytes.len()).step_by(97) {
                 assert!(training.restore(&bytes[..length]).is_err(), "{length} bytes");
             }
-            let others = [
-                InterestConfig { options: 3, ..config.clone() },
+            let (wider, larger) = (
                 InterestConfig { hidden: vec![5], ..config.clone() },
-            ];
-            for other in others {
-                let error = Training::new(&other, practice).unwrap().restore(&bytes).unwrap_err();
+                Practice { set_size: 3, ..practice.clone() },
+            );
+            for (config, practice) in [(&wider, practice), (&config, &larger)] {
+                let error = Training::new(config, practice).unwrap().restore(&bytes).unwrap_err();
                 assert!(error.to_string().starts_with("the checkpoint cannot be read: "), "{error}");
             }
         });

@@ -1,10 +1,14 @@
 //! What a user may set.
 
 use elo_core::fault::Faults;
+use elo_core::policy::{
+    CurvePoint, Monitor, OptionLearner, OptionPolicy, Practice, Practise, Practised, TrainError, Way,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::duration::Band;
+use super::train::{Learned, Point, train};
 use crate::kernels::gae::Discount;
 
 /// Closed-loop options with interests and a learned duration, learned together from rollouts of the infant agent (Weber
@@ -14,9 +18,6 @@ use crate::kernels::gae::Discount;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterestConfig {
-    /// `K`, the number of options.
-    #[schemars(range(min = 1, max = 1000))]
-    pub options: usize,
     /// How often options may continue on average without a cost: `[ρ_min, ρ_max]`.
     pub continuations: Band,
     /// `λ` of Eq. 6.1, per squared continuation; returns are in units of the deviation that discounted returns have.
@@ -27,12 +28,9 @@ pub struct InterestConfig {
     /// Changes of the options.
     #[schemars(range(min = 1))]
     pub iterations: u64,
-    /// Rollouts between two changes, each in a task and from a start of its own.
+    /// Rollouts of `discover.steps` between two changes, each in a task and from a start of its own.
     #[schemars(range(min = 1, max = 100_000))]
     pub rollouts: u64,
-    /// Control steps of a rollout, if it does not end earlier.
-    #[schemars(range(min = 1, max = 1_000_000))]
-    pub rollout_steps: usize,
     /// Passes over the steps of one iteration.
     #[schemars(range(min = 1, max = 1000))]
     pub epochs: usize,
@@ -94,13 +92,11 @@ pub struct Discounts {
 impl Default for InterestConfig {
     fn default() -> Self {
         Self {
-            options: 4,
             continuations: Band { low: 5.0, high: 50.0 },
             duration_weight: 0.1,
             initial_continuations: 10.0,
             iterations: 500,
             rollouts: 16,
-            rollout_steps: 200,
             epochs: 10,
             minibatch: 64,
             learning_rates: LearningRates::default(),
@@ -133,14 +129,12 @@ impl From<Discounts> for Discount {
     }
 }
 
-impl InterestConfig {
-    /// Finds every fault of the fields.
-    pub fn validate(&self, faults: &mut Faults) {
+#[typetag::serde(name = "interest")]
+impl OptionLearner for InterestConfig {
+    fn validate(&self, faults: &mut Faults) {
         let counts = [
-            ("options", self.options as u64),
             ("iterations", self.iterations),
             ("rollouts", self.rollouts),
-            ("rollout_steps", self.rollout_steps as u64),
             ("epochs", self.epochs as u64),
             ("minibatch", self.minibatch as u64),
             ("checkpoint_every", self.checkpoint_every),
@@ -186,6 +180,31 @@ impl InterestConfig {
         });
     }
 
+    fn way(&self) -> Way<'_> {
+        Way::Practises(self)
+    }
+}
+
+impl Practise for InterestConfig {
+    fn simulator_steps(&self, steps: usize) -> u64 {
+        self.iterations * self.rollouts * steps as u64
+    }
+
+    fn practise(&self, practice: &Practice<'_>, monitor: &mut dyn Monitor) -> Result<Practised, TrainError> {
+        let Learned { options, curve } = train(self, practice, monitor)?;
+        let seen = |point: Point| CurvePoint {
+            steps: point.steps,
+            mean_return: Some(point.mean_return),
+            mean_length: Some(point.mean_length),
+        };
+        Ok(Practised {
+            options: options.into_iter().map(|option| Box::new(option) as Box<dyn OptionPolicy>).collect(),
+            curve: curve.into_iter().map(seen).collect(),
+        })
+    }
+}
+
+impl InterestConfig {
     /// The learning rates of an iteration.
     pub(super) fn rates(&self, iteration: u64) -> LearningRates {
         let left = 1.0 - iteration as f64 / self.iterations as f64;
@@ -214,7 +233,7 @@ mod tests {
         InterestConfig::default().validate(&mut faults);
         assert!(faults.found().is_empty(), "{:?}", faults.found());
         let config = InterestConfig {
-            options: 0,
+            rollouts: 0,
             continuations: Band { low: 6.0, high: 5.0 },
             duration_weight: f64::NAN,
             initial_continuations: 0.0,

@@ -4,7 +4,6 @@
 #![allow(clippy::unwrap_used)]
 
 use elo_core::context::InitialStates;
-use elo_core::seed::Seed;
 use elo_core::task::{Range, TaskDistribution};
 
 use super::advantages::Advantages;
@@ -13,9 +12,8 @@ use super::config::{Discounts, InterestConfig, LearningRates};
 use super::drawing;
 use super::duration::{Band, Termination};
 use super::learner::Learner;
-use super::practice::Practice;
 use super::train::{Signals, Training};
-use super::worlds::World;
+use super::worlds::{World, practice};
 use crate::nn::reference;
 
 /// Far from 1, so that a factor that is missing shows.
@@ -24,12 +22,10 @@ const GAMMA: f64 = 0.7;
 /// Two options in two states; the last network parameter is a bias.
 fn config() -> InterestConfig {
     InterestConfig {
-        options: 2,
         continuations: Band { low: 3.0, high: 4.0 },
         duration_weight: 0.01,
         initial_continuations: 2.0,
         rollouts: 1000,
-        rollout_steps: 40,
         learning_rates: LearningRates::default(),
         discount: Discounts { gamma: GAMMA, gae_lambda: 1.0 },
         discounted_visits: true,
@@ -122,8 +118,7 @@ fn the_gradient_of_training_has_the_exact_one_as_its_mean() {
     let config = config();
     let tasks = TaskDistribution::new([("pay", Range { low: 0.5, high: 1.5 })]);
     let initial_states = InitialStates { max_random_steps: 0, ..InitialStates::default() };
-    let (simulator, seed) = (&World::Hot, Seed::root(1));
-    let practice = Practice { simulator, tasks: &tasks, initial_states: &initial_states, seed };
+    let practice = practice(&World::Hot, &tasks, &initial_states, 40, 1);
     let mut training = Training::new(&config, &practice).unwrap();
     let learner = &mut training.learner;
     learner.policies[0].means.network.params_mut().copy_from_slice(&[0.9, -0.6, 0.1]);

@@ -1,5 +1,6 @@
 //! What training changes: `θ = [θ_I, θ_π, ε]` and the critic, each with its optimiser.
 
+use elo_core::policy::Practice;
 use elo_core::seed::Seed;
 use elo_core::spec::SimulatorSpec;
 
@@ -98,10 +99,12 @@ pub(super) struct Learner {
 }
 
 impl Learner {
-    /// Before any training, for tasks of that many features: all options nearly alike, interests all nearly 1.
-    pub fn new(config: &InterestConfig, spec: &SimulatorSpec, task_features: usize, seed: &Seed) -> Self {
+    /// Before any training: all options nearly alike, interests all nearly 1.
+    pub fn new(config: &InterestConfig, practice: &Practice<'_>, spec: &SimulatorSpec) -> Self {
         let (inputs, actions) = (spec.observation_size, spec.action_size());
-        let numbers = 0..config.options as u64;
+        let Practice { set_size, seed, .. } = practice;
+        let task_features = practice.tasks.names().count();
+        let numbers = 0..*set_size as u64;
         let policy = |number: u64| Policy {
             means: Net::new(&config.sizes(inputs, actions), 0.01, &seed.child("policy").index(number)),
             log_std: vec![config.initial_log_std as f32; actions],
@@ -112,7 +115,7 @@ impl Learner {
         let gain = if config.learning_rates.interests > 0.0 { 0.01 } else { 0.0 };
         let interest =
             |number: u64| Net::new(&config.sizes(inputs, 1), gain, &seed.child("interest").index(number));
-        let critic = config.sizes(inputs + task_features, config.options);
+        let critic = config.sizes(inputs + task_features, *set_size);
         Self {
             policies: numbers.clone().map(policy).collect(),
             interests: numbers.map(interest).collect(),
@@ -175,12 +178,18 @@ impl Learner {
 #[cfg(test)]
 mod tests {
     use elo_core::conformance::point_mass::PointMassConfig;
+    use elo_core::context::InitialStates;
+    use elo_core::task::TaskDistribution;
 
+    use super::super::worlds::practice;
     use super::*;
 
     fn learner() -> Learner {
         let spec = PointMassConfig::default().description();
-        Learner::new(&InterestConfig::default(), &spec, 0, &Seed::root(1))
+        let (simulator, tasks) = (PointMassConfig::default(), TaskDistribution::default());
+        let initial_states = InitialStates::default();
+        let practice = practice(&simulator, &tasks, &initial_states, 10, 1);
+        Learner::new(&InterestConfig::default(), &practice, &spec)
     }
 
     #[test]
@@ -188,7 +197,7 @@ mod tests {
         assert_eq!(learner().divergence(), None);
         for log_std in [-9.0, 3.5, f32::NAN] {
             let mut spoilt = learner();
-            spoilt.policies[2].log_std[0] = log_std;
+            spoilt.policies[1].log_std[0] = log_std;
             assert!(spoilt.divergence().is_some_and(|reason| reason.contains("standard deviation")));
         }
     }

@@ -63,5 +63,4 @@ mod worlds;
 
 pub use config::{Discounts, InterestConfig, LearningRates};
 pub use policy::{FORMAT, InterestPolicy};
-pub use practice::Practice;
 pub use train::{Learned, Point, train};

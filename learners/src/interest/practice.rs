@@ -1,10 +1,9 @@
 //! Rollouts of the infant agent, as the critic saw them.
 
-use elo_core::context::InitialStates;
 use elo_core::rollout::price;
-use elo_core::seed::{Seed, Stream};
-use elo_core::simulator::{End, Simulator, SimulatorConfig, SimulatorError};
-use elo_core::task::{Task, TaskDistribution};
+use elo_core::seed::Stream;
+use elo_core::simulator::{End, Simulator, SimulatorError};
+use elo_core::task::Task;
 use rand::RngExt as _;
 
 use super::advantages::{Advantages, Step, Values};
@@ -13,19 +12,6 @@ use super::learner::Learner;
 use crate::kernels::running_moments::{Normalizer, RunningMoments};
 use crate::nn::{DiagonalGaussian, Scratch};
 use crate::ppo::environment::check_finite;
-
-/// Where a set of options is learned.
-#[derive(Clone, Debug)]
-pub struct Practice<'a> {
-    /// The world.
-    pub simulator: &'a dyn SimulatorConfig,
-    /// `P`.
-    pub tasks: &'a TaskDistribution,
-    /// `d0`.
-    pub initial_states: &'a InitialStates,
-    /// The root of all random streams.
-    pub seed: Seed,
-}
 
 /// The steps of one iteration, rollout after rollout; row `i` of each belongs to step `i`.
 #[derive(Clone, Debug, Default)]

@@ -13,19 +13,19 @@ use super::config::{Discounts, InterestConfig, LearningRates};
 use super::duration::Band;
 use super::learner::Learner;
 use super::policy::InterestPolicy;
-use super::practice::Practice;
 use super::train::{Learned, Training, train};
-use super::worlds::World;
+use super::worlds::{World, practice};
+
+/// Of a rollout.
+const STEPS: usize = 64;
 
 /// Networks that are tables: without hidden layers, of observations with one 1.
 fn tables() -> InterestConfig {
     InterestConfig {
-        options: 2,
         duration_weight: 0.0,
         initial_continuations: 3.0,
         iterations: 150,
         rollouts: 8,
-        rollout_steps: 64,
         epochs: 4,
         minibatch: 128,
         learning_rates: LearningRates { policies: 0.0, interests: 0.03, termination: 0.03, critic: 0.03 },
@@ -47,12 +47,7 @@ fn at_once() -> InitialStates {
 /// Trains in `world`, with a learner that `prepare` has changed first.
 fn trained(config: &InterestConfig, world: World, seed: u64, prepare: impl Fn(&mut Learner)) -> Learned {
     let (tasks, initial_states) = (pays(), at_once());
-    let practice = Practice {
-        simulator: &world,
-        tasks: &tasks,
-        initial_states: &initial_states,
-        seed: Seed::root(seed),
-    };
+    let practice = practice(&world, &tasks, &initial_states, STEPS, seed);
     let mut training = Training::new(config, &practice).unwrap();
     prepare(&mut training.learner);
     for _ in 0..config.iterations {
@@ -223,12 +218,7 @@ fn the_same_seed_learns_the_same_set() {
     let config = InterestConfig { iterations: 3, hidden: vec![8], ..tables() };
     let (world, tasks, initial_states) = (World::Hot, pays(), at_once());
     let learn = |seed| {
-        let practice = Practice {
-            simulator: &world,
-            tasks: &tasks,
-            initial_states: &initial_states,
-            seed: Seed::root(seed),
-        };
+        let practice = practice(&world, &tasks, &initial_states, STEPS, seed);
         train(&config, &practice, &mut Unwatched).unwrap().options
     };
     assert_eq!(learn(1), learn(1));

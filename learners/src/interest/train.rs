@@ -1,7 +1,7 @@
 //! The training, from top to bottom: roll out the infant agent, estimate advantages, improve the policies, the interests
 //! and `ε`, and the critic.
 
-use elo_core::policy::{Monitor, TrainError};
+use elo_core::policy::{Monitor, OptionLearner as _, Practice, TrainError};
 use elo_core::seed::Seed;
 use elo_core::simulator::{Simulator, SimulatorError};
 use elo_core::spec::SimulatorSpec;
@@ -15,7 +15,7 @@ use super::config::InterestConfig;
 use super::duration::{Termination, clipped_end};
 use super::learner::{Learner, Net, Policy};
 use super::policy::InterestPolicy;
-use super::practice::{Episode, Experience, Infant, Practice};
+use super::practice::{Episode, Experience, Infant};
 use crate::kernels::gae::normalize;
 use crate::kernels::running_moments::{ReturnScaler, RunningMoments};
 use crate::nn::Scratch;
@@ -35,8 +35,12 @@ pub struct Learned {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Point {
+    /// Control steps taken so far.
+    pub steps: u64,
     /// Mean undiscounted return of the rollouts.
     pub mean_return: f64,
+    /// Their mean length in control steps.
+    pub mean_length: f64,
     /// Mean number of actions of the options, `1/ε`.
     pub actions: f64,
     /// Mean number of continuations, `ρ = (1 − ε)/ε`.
@@ -59,7 +63,7 @@ pub fn train(
     while training.record.iteration < config.iterations {
         training.iterate()?;
         let done = training.record.iteration;
-        let steps = config.rollouts * config.rollout_steps as u64;
+        let steps = config.rollouts * practice.steps as u64;
         monitor.progress(done * steps, config.iterations * steps)?;
         if done < config.iterations && done.is_multiple_of(config.checkpoint_every) {
             let bytes = training.checkpoint();
@@ -108,9 +112,8 @@ impl<'a> Training<'a> {
         }
         let simulator = practice.simulator.build()?;
         let spec = simulator.spec().clone();
-        let features = practice.tasks.names().count();
         Ok(Self {
-            learner: Learner::new(config, &spec, features, &practice.seed),
+            learner: Learner::new(config, practice, &spec),
             record: Record {
                 iteration: 0,
                 moments: RunningMoments::new(spec.observation_size),
@@ -149,7 +152,7 @@ impl<'a> Training<'a> {
             let episode = Episode {
                 task: &task,
                 features: &features,
-                max_steps: self.config.rollout_steps,
+                max_steps: self.practice.steps,
                 gamma: self.config.discount.gamma,
             };
             self.record.tally.episodes += 1;
@@ -276,7 +279,9 @@ impl<'a> Training<'a> {
         let total: f64 = experience.steps.iter().map(|step| step.reward).sum();
         let termination = self.learner.termination;
         self.record.curve.push(Point {
+            steps: self.record.tally.steps,
             mean_return: total / rollouts,
+            mean_length: experience.steps.len() as f64 / rollouts,
             actions: 1.0 / termination.probability(),
             continuations: termination.continuations(),
         });

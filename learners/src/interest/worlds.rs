@@ -1,14 +1,28 @@
 //! For tests: worlds of one or two states, told apart by an observation with one 1, in which only the action's sign counts.
 
+use elo_core::context::InitialStates;
 use elo_core::fault::Faults;
+use elo_core::policy::Practice;
 use elo_core::seed::Seed;
 use elo_core::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
 };
 use elo_core::spec::{Capabilities, Effect, RewardTerm, SimulatorSpec, TaskParameter, Weight};
-use elo_core::task::Task;
+use elo_core::task::{Task, TaskDistribution};
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
+
+/// A practice of two options from scratch.
+pub(super) fn practice<'a>(
+    simulator: &'a dyn SimulatorConfig,
+    tasks: &'a TaskDistribution,
+    initial_states: &'a InitialStates,
+    steps: usize,
+    seed: u64,
+) -> Practice<'a> {
+    let seed = Seed::root(seed);
+    Practice { simulator, tasks, initial_states, set_size: 2, steps, demonstrations: &[], seed }
+}
 
 /// Which world.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
