@@ -73,7 +73,8 @@ pub struct Yardstick<'a> {
     pub plan: &'a ReportPlan,
     /// What a failed rollout counts as.
     pub return_floor: f64,
-    /// The root of the bootstrap's streams.
+    /// The root of the bootstrap's streams. There is one for each statistic, whoever is looked at: a set that two metrics
+    /// chose has the same figures under both.
     pub seed: Seed,
 }
 
@@ -133,15 +134,14 @@ impl Yardstick<'_> {
             let drawn: Vec<f64> = contexts.iter().flat_map(|j| normal[*j].iter().copied()).collect();
             interquartile_mean(&drawn).unwrap_or(f64::NAN)
         };
-        let name = &sample.name;
         Ok(Row {
-            name: name.clone(),
-            mean_return: self.mean(&format!("{name} return"), &sample.context_means())?,
-            mean: self.mean(&format!("{name} mean"), &normal_means)?,
-            iqm: self.interval(&format!("{name} iqm"), normal.len(), iqm)?,
-            lower_tail: self.mean(&format!("{name} lower tail"), &self.tail_shares(sample, Tail::Lower))?,
-            upper_tail: self.mean(&format!("{name} upper tail"), &self.tail_shares(sample, Tail::Upper))?,
-            falls: self.mean(&format!("{name} falls"), &sample.falls)?,
+            name: sample.name.clone(),
+            mean_return: self.mean("return", &sample.context_means())?,
+            mean: self.mean("mean", &normal_means)?,
+            iqm: self.interval("iqm", normal.len(), iqm)?,
+            lower_tail: self.mean("lower tail", &self.tail_shares(sample, Tail::Lower))?,
+            upper_tail: self.mean("upper tail", &self.tail_shares(sample, Tail::Upper))?,
+            falls: self.mean("falls", &sample.falls)?,
             failures: sample.failures,
             mean_length: sample.mean_length,
         })
@@ -191,7 +191,7 @@ impl Yardstick<'_> {
             metric,
             reference: self.reference,
             draws: self.plan.bootstrap_draws,
-            seed: self.seed.child(&format!("{} score", sample.name)),
+            seed: self.seed.child("score"),
         };
         let scores = judge.scores(score, &normal)?;
         let of_set = |scores: &Vec<f64>| scores.iter().sum::<f64>() / scores.len() as f64;
@@ -204,29 +204,29 @@ impl Yardstick<'_> {
     /// # Errors
     /// Samples of different contexts.
     pub fn compare(&self, ours: &Sample, baseline: &Sample) -> Result<Comparison, StatisticsError> {
-        let mut stream = self.stream(&format!("{} against {}", ours.name, baseline.name));
+        let mut stream = self.stream("difference");
         let ReportPlan { bootstrap_draws, confidence, .. } = *self.plan;
         let (first, second) = (ours.context_means(), baseline.context_means());
         let difference = paired_difference(&first, &second, bootstrap_draws, confidence, &mut stream)?;
         Ok(Comparison { baseline: baseline.name.clone(), difference })
     }
 
-    fn mean(&self, name: &str, values: &[f64]) -> Result<Interval, StatisticsError> {
-        bootstrap_mean(values, self.plan.bootstrap_draws, self.plan.confidence, &mut self.stream(name))
+    fn mean(&self, statistic: &str, values: &[f64]) -> Result<Interval, StatisticsError> {
+        bootstrap_mean(values, self.plan.bootstrap_draws, self.plan.confidence, &mut self.stream(statistic))
     }
 
     fn interval(
         &self,
-        name: &str,
+        statistic: &str,
         contexts: usize,
-        statistic: impl Fn(&[usize]) -> f64,
+        of: impl Fn(&[usize]) -> f64,
     ) -> Result<Interval, StatisticsError> {
         let ReportPlan { bootstrap_draws, confidence, .. } = *self.plan;
-        bootstrap(contexts, bootstrap_draws, confidence, &mut self.stream(name), statistic)
+        bootstrap(contexts, bootstrap_draws, confidence, &mut self.stream(statistic), of)
     }
 
-    fn stream(&self, name: &str) -> Stream {
-        self.seed.child(name).stream()
+    fn stream(&self, statistic: &str) -> Stream {
+        self.seed.child(statistic).stream()
     }
 }
 
@@ -266,5 +266,9 @@ mod tests {
         let against = yardstick.compare(&sample, &yardstick.sample("one", &[&one], &prices)).unwrap();
         // Differences 2.5 - 1 and -6 - 8.
         assert!((against.difference.estimate - -6.25).abs() < 1e-12);
+
+        // Under another name it has the same intervals.
+        let renamed = yardstick.row(&yardstick.sample("again", &[&one, &two], &prices)).unwrap();
+        assert_eq!(Row { name: row.name.clone(), ..renamed }, row);
     }
 }

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use elo_core::discover::Run;
 use elo_core::experiment::Experiment;
 use elo_core::experiments::Experiments;
 use elo_core::fingerprint::fingerprint;
@@ -87,8 +88,9 @@ pub fn run(arguments: &Reproduce, plugins: &[&[Plugin]]) -> Result<(), Exit> {
             let staff = staff(arguments.workers, plugins)?;
             let run = folder.join(format!("{robot}-seed-{seed}"));
             seeds.push(with_crew(&run, &experiment, staff, |crew| {
-                discover::run_in(&experiment, crew)?;
-                experiments::run_in(&experiment, crew)
+                let run = Run::new(&experiment, crew)?;
+                let (discovery, held_out) = discover::run_in(&run)?;
+                experiments::run_in(&run, &discovery, &held_out)
             })?);
         }
         let beside = paper::beside(&seeds, CONFIDENCE);

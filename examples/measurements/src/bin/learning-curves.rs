@@ -15,7 +15,7 @@ use std::sync::atomic::AtomicBool;
 use elo_cli::hosts::Programs;
 use elo_core::context::{Context, PreparedStart};
 use elo_core::crew::{Crew, Staff, Unit, Watcher};
-use elo_core::discover::duplicate;
+use elo_core::discover::{Run, duplicate};
 use elo_core::experiment::{Experiment, TeacherActs};
 use elo_core::fingerprint::fingerprint;
 use elo_core::rollout::{Ending, Horizon, Rollout, price};
@@ -27,7 +27,7 @@ use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
 use elo_core::units::play::Play;
 use elo_core::units::prepare;
-use elo_core::units::train::{TeacherResult, Train};
+use elo_core::units::train::TeacherResult;
 use measurements::Failure;
 
 /// Episodes behind each point of a curve.
@@ -47,10 +47,12 @@ fn main() -> Result<(), Failure> {
     let workers = std::thread::available_parallelism().map_or(1, usize::from);
     let staff = Staff { workers, formats: elo_cli::formats(&plugins), program: fingerprint() };
     let crew = Crew::new(staff, &run_dir, &hosts, &Told, &stop);
+    let run = Run::new(&experiment, &crew)?;
 
     let seeds: Vec<u64> = (1..=seeds.parse()?).collect();
     let roots: Vec<Seed> = seeds.iter().map(|seed| Seed::root(*seed).child("learning-curves")).collect();
-    let trainings: Vec<Unit> = roots.iter().map(|root| training(&experiment, root)).collect();
+    let trainings: Vec<Unit> =
+        roots.iter().map(|root| run.training(&Task::default(), root.child("teacher"))).collect();
     let trained = crew.complete("trainings", &trainings)?;
 
     println!("engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls");
@@ -71,17 +73,6 @@ fn main() -> Result<(), Failure> {
         }
     }
     Ok(())
-}
-
-fn training(experiment: &Experiment, root: &Seed) -> Unit {
-    let work = Train {
-        simulator: duplicate(&experiment.simulator),
-        teacher: duplicate(&experiment.teacher),
-        task: Task::default(),
-        initial_states: experiment.initial_states.clone(),
-        seed: root.child("teacher"),
-    };
-    Unit { work: work.into(), inputs: Vec::new() }
 }
 
 fn contexts(root: &Seed) -> Vec<Context> {
