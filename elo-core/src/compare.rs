@@ -133,16 +133,16 @@ fn pair(
         yardstick.sample(&members.set.manifest.metric, &rows, &contexts.prices)
     };
     let (ours, theirs) = (sample(a), sample(b));
-    let difference = |statistic: &str, of: &dyn Fn(&Sample) -> Vec<f64>| {
-        let mut stream = yardstick.seed.child("difference").child(statistic).stream();
-        paired_difference(&of(&theirs), &of(&ours), plan.bootstrap_draws, plan.confidence, &mut stream)
+    let difference = |of: &dyn Fn(&Sample) -> Vec<f64>| {
+        let stream = &mut yardstick.stream();
+        paired_difference(&of(&theirs), &of(&ours), plan.bootstrap_draws, plan.confidence, stream)
     };
     Ok(SetPair {
         scale,
         reference,
         first: yardstick.row(&ours)?,
         second: yardstick.row(&theirs)?,
-        difference: difference("return", &Sample::context_means)?,
-        falls: difference("falls", &|sample| sample.falls.clone())?,
+        difference: difference(&Sample::context_means)?,
+        falls: difference(&|sample| sample.falls.clone())?,
     })
 }

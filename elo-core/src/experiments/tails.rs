@@ -197,7 +197,7 @@ impl<'a> Sets<'a> {
         };
         let all: Vec<usize> = (0..before.len()).collect();
         let estimate = relative(&all)?;
-        let mut stream = self.yardstick.seed.child("improvement").stream();
+        let mut stream = self.yardstick.stream();
         let plan = self.yardstick.plan;
         let found = |drawn: &[usize]| relative(drawn).unwrap_or(estimate);
         bootstrap(before.len(), plan.bootstrap_draws, plan.confidence, &mut stream, found).ok()
