@@ -19,6 +19,10 @@ pub fn others(
 ) -> Result<Vec<Experiment>, Exit> {
     let own = experiment.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
     let config = folder.join("experiment.toml");
+    let twice = simulators.iter().enumerate().find(|(i, given)| simulators[..*i].contains(given));
+    if let Some((_, given)) = twice {
+        return Err(Exit::BadInput(format!("--simulator {given}: is given twice")));
+    }
     let read = |given: &String| {
         let other = on_simulator(&config, given, plugins)?;
         let spec = other.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;

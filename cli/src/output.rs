@@ -2,6 +2,8 @@
 
 use std::io::{ErrorKind, Write as _};
 
+use serde::Serialize;
+
 use crate::exit::Exit;
 
 /// Writes `text` to stdout.
@@ -12,6 +14,12 @@ pub fn print(text: &str) -> Result<(), Exit> {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Err(Exit::ReaderGone),
         Err(error) => Err(Exit::Failed(format!("cannot write to stdout: {error}"))),
     }
+}
+
+/// Writes `value` to stdout as indented JSON.
+pub fn print_json(value: &impl Serialize) -> Result<(), Exit> {
+    let text = serde_json::to_string_pretty(value).expect("plain data");
+    print(&format!("{text}\n"))
 }
 
 /// Writes a line to stderr; nobody can be told when that fails.

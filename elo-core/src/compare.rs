@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::crew::RunError;
 use crate::discover::{ContextSet, Run};
-use crate::figures::{Row, Sample, Yardstick};
+use crate::figures::{Row, Sample};
 use crate::metric::Reference;
 use crate::option_set::OptionSet;
 use crate::performer::Performer;
@@ -134,28 +134,22 @@ fn pair(
 ) -> Result<SetPair, StatisticsError> {
     let (scale, reference): (Scale, Reference) = (a.set.manifest.scale, a.set.manifest.reference);
     let plan = &run.experiment.report;
-    let yardstick = Yardstick {
-        scale,
-        reference,
-        plan,
-        return_floor: run.return_floor(),
-        seed: run.seed.child("comparison"),
-    };
+    let yardstick = run.yardstick(scale, reference);
     let sample = |members: &Members<'_>| {
         let rows: Vec<&[Rollout]> = members.rollouts.iter().map(Vec::as_slice).collect();
         yardstick.sample(&members.set.manifest.metric, &rows, &contexts.prices)
     };
     let (ours, theirs) = (sample(a), sample(b));
-    let difference = |name: &str, of: &dyn Fn(&Sample) -> Vec<f64>| {
-        let mut stream = yardstick.seed.child(name).child(&ours.name).child(&theirs.name).stream();
-        paired_difference(&of(&theirs), &of(&ours), plan.bootstrap_draws, plan.confidence, &mut stream)
+    let difference = |of: &dyn Fn(&Sample) -> Vec<f64>| {
+        let stream = &mut yardstick.stream();
+        paired_difference(&of(&theirs), &of(&ours), plan.bootstrap_draws, plan.confidence, stream)
     };
     Ok(SetPair {
         scale,
         reference,
         first: yardstick.row(&ours)?,
         second: yardstick.row(&theirs)?,
-        difference: difference("return", &Sample::context_means)?,
-        falls: difference("falls", &|sample| sample.falls.clone())?,
+        difference: difference(&Sample::context_means)?,
+        falls: difference(&|sample| sample.falls.clone())?,
     })
 }

@@ -229,9 +229,9 @@ fn pair(
         let average = |row: &Vec<f64>| indices.iter().map(|j| row[*j]).sum::<f64>() / indices.len() as f64;
         measured.returns.iter().map(average).collect()
     };
-    let interval = |statistic: fn(&[f64], &[f64]) -> Option<f64>, name: &str| {
+    let interval = |statistic: fn(&[f64], &[f64]) -> Option<f64>| {
         statistic(&engines[first].scores, &engines[second].scores)?;
-        let mut stream = run.seed.child("crosscheck").child(name).stream();
+        let mut stream = run.seed.child("crosscheck").stream();
         let of =
             |indices: &[usize]| statistic(&resampled(a, indices), &resampled(b, indices)).unwrap_or_default();
         bootstrap(contexts, plan.bootstrap_draws, plan.confidence, &mut stream, of).ok()
@@ -251,8 +251,8 @@ fn pair(
     Ok(Pair {
         first,
         second,
-        kendall: interval(kendall_tau_b, "kendall"),
-        spearman: interval(spearman, "spearman"),
+        kendall: interval(kendall_tau_b),
+        spearman: interval(spearman),
         shared_best: engines[first].best.iter().filter(|n| engines[second].best.contains(n)).count(),
         differences: differences.collect(),
         parted: parted.len() as f64 / a.seen.len().max(1) as f64,

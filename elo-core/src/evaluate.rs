@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::crew::RunError;
 use crate::discover::Run;
-use crate::figures::{Comparison, Row, Yardstick};
+use crate::figures::{Comparison, Row};
 use crate::option_set::OptionSet;
 use crate::performer::{Performer, PerformerRole};
 use crate::rollout::Rollout;
@@ -44,8 +44,7 @@ pub struct Evaluation {
 /// See [`RunError`]; a set that does not fit the simulator has been refused before, by [`OptionSet::policies`].
 pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> {
     let manifest = &set.manifest;
-    let plan = &run.experiment.report;
-    let contexts = run.held_out_contexts(plan.contexts)?;
+    let contexts = run.held_out_contexts(run.experiment.report.contexts)?;
     let plain =
         |name: &str, behavior| Performer { name: name.to_owned(), role: PerformerRole::Plain(behavior) };
     let baselines = [vec![
@@ -56,13 +55,7 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
         run.measure_set("rollouts", set, &contexts)?.into_iter().unzip();
     rollouts.extend(run.evaluate("baselines", &baselines, &contexts, 0..contexts.keys.len())?);
 
-    let yardstick = Yardstick {
-        scale: manifest.scale,
-        reference: manifest.reference,
-        plan,
-        return_floor: run.return_floor(),
-        seed: run.seed.child("bootstrap"),
-    };
+    let yardstick = run.yardstick(manifest.scale, manifest.reference);
     let rows: Vec<&[Rollout]> = rollouts.iter().map(Vec::as_slice).collect();
     let (members, others) = rows.split_at(names.len());
     let sample = |name: &str, members: &[&[Rollout]]| yardstick.sample(name, members, &contexts.prices);

@@ -11,7 +11,7 @@ use crate::returns::Scale;
 use crate::rollout::{Ending, Rollout};
 use crate::seed::{Seed, Stream};
 use crate::statistics::StatisticsError;
-use crate::statistics::bootstrap::{Interval, bootstrap, bootstrap_mean, interval_of, paired_difference};
+use crate::statistics::bootstrap::{Interval, bootstrap, bootstrap_means, interval_of, paired_difference};
 use crate::statistics::summary::interquartile_mean;
 use crate::units::score::Score;
 
@@ -73,7 +73,7 @@ pub struct Yardstick<'a> {
     pub plan: &'a ReportPlan,
     /// What a failed rollout counts as.
     pub return_floor: f64,
-    /// The root of the bootstrap's streams.
+    /// Where resamples of the contexts come from.
     pub seed: Seed,
 }
 
@@ -133,15 +133,19 @@ impl Yardstick<'_> {
             let drawn: Vec<f64> = contexts.iter().flat_map(|j| normal[*j].iter().copied()).collect();
             interquartile_mean(&drawn).unwrap_or(f64::NAN)
         };
-        let name = &sample.name;
+        let (lower, upper) = (self.tail_shares(sample, Tail::Lower), self.tail_shares(sample, Tail::Upper));
+        let columns = [&sample.context_means(), &normal_means, &lower, &upper, &sample.falls];
+        let ReportPlan { bootstrap_draws, confidence, .. } = *self.plan;
+        let means =
+            bootstrap_means(&columns.map(Vec::as_slice), bootstrap_draws, confidence, &mut self.stream())?;
         Ok(Row {
-            name: name.clone(),
-            mean_return: self.mean(&format!("{name} return"), &sample.context_means())?,
-            mean: self.mean(&format!("{name} mean"), &normal_means)?,
-            iqm: self.interval(&format!("{name} iqm"), normal.len(), iqm)?,
-            lower_tail: self.mean(&format!("{name} lower tail"), &self.tail_shares(sample, Tail::Lower))?,
-            upper_tail: self.mean(&format!("{name} upper tail"), &self.tail_shares(sample, Tail::Upper))?,
-            falls: self.mean(&format!("{name} falls"), &sample.falls)?,
+            name: sample.name.clone(),
+            mean_return: means[0],
+            mean: means[1],
+            iqm: bootstrap(normal.len(), bootstrap_draws, confidence, &mut self.stream(), iqm)?,
+            lower_tail: means[2],
+            upper_tail: means[3],
+            falls: means[4],
             failures: sample.failures,
             mean_length: sample.mean_length,
         })
@@ -191,7 +195,7 @@ impl Yardstick<'_> {
             metric,
             reference: self.reference,
             draws: self.plan.bootstrap_draws,
-            seed: self.seed.child(&format!("{} score", sample.name)),
+            seed: self.seed.clone(),
         };
         let scores = judge.scores(score, &normal)?;
         let of_set = |scores: &Vec<f64>| scores.iter().sum::<f64>() / scores.len() as f64;
@@ -204,29 +208,16 @@ impl Yardstick<'_> {
     /// # Errors
     /// Samples of different contexts.
     pub fn compare(&self, ours: &Sample, baseline: &Sample) -> Result<Comparison, StatisticsError> {
-        let mut stream = self.stream(&format!("{} against {}", ours.name, baseline.name));
         let ReportPlan { bootstrap_draws, confidence, .. } = *self.plan;
         let (first, second) = (ours.context_means(), baseline.context_means());
-        let difference = paired_difference(&first, &second, bootstrap_draws, confidence, &mut stream)?;
+        let difference = paired_difference(&first, &second, bootstrap_draws, confidence, &mut self.stream())?;
         Ok(Comparison { baseline: baseline.name.clone(), difference })
     }
 
-    fn mean(&self, name: &str, values: &[f64]) -> Result<Interval, StatisticsError> {
-        bootstrap_mean(values, self.plan.bootstrap_draws, self.plan.confidence, &mut self.stream(name))
-    }
-
-    fn interval(
-        &self,
-        name: &str,
-        contexts: usize,
-        statistic: impl Fn(&[usize]) -> f64,
-    ) -> Result<Interval, StatisticsError> {
-        let ReportPlan { bootstrap_draws, confidence, .. } = *self.plan;
-        bootstrap(contexts, bootstrap_draws, confidence, &mut self.stream(name), statistic)
-    }
-
-    fn stream(&self, name: &str) -> Stream {
-        self.seed.child(name).stream()
+    /// Every statistic, whoever is looked at, meets the same resamples: a set that two metrics chose has the same figures
+    /// under both, and what differs by a factor has intervals that do.
+    pub fn stream(&self) -> Stream {
+        self.seed.stream()
     }
 }
 
@@ -266,5 +257,12 @@ mod tests {
         let against = yardstick.compare(&sample, &yardstick.sample("one", &[&one], &prices)).unwrap();
         // Differences 2.5 - 1 and -6 - 8.
         assert!((against.difference.estimate - -6.25).abs() < 1e-12);
+
+        // Under another name it has the same intervals.
+        let renamed = yardstick.row(&yardstick.sample("again", &[&one, &two], &prices)).unwrap();
+        assert_eq!(Row { name: row.name.clone(), ..renamed }, row);
+        // The mean's interval is the return's over 10, and the score by ψ_μ is the mean.
+        assert!((row.mean.low - row.mean_return.low / 10.0).abs() < 1e-12);
+        assert!((score.high - row.mean.high).abs() < 1e-12);
     }
 }

@@ -53,7 +53,7 @@ impl Run<'_> {
     ) -> Result<(Selection, Vec<Vec<Rollout>>), RunError> {
         let scoring = self.scoring(pool.candidates, metrics, scaling);
         let mut bench = Measured { run: self, pool, rollouts: Vec::new() };
-        let selection = self.experiment.selector.select(&mut bench, &scoring).map_err(unwrap_select)?;
+        let selection = self.experiment.selector.select(&mut bench, &scoring)?;
         if let Some(empty) = selection.choices.iter().find(|choice| choice.chosen.is_empty()) {
             return Err(RunError::Select(format!(
                 "no candidate can be chosen by {}: see `failures`",
@@ -114,11 +114,13 @@ impl Bench for Measured<'_> {
     }
 }
 
-pub(crate) fn unwrap_select(error: SelectError) -> RunError {
-    match error {
-        SelectError::Measure(inner) => inner
-            .downcast::<RunError>()
-            .map_or_else(|other| RunError::Select(other.to_string()), |inner| *inner),
-        failures @ SelectError::Failures { .. } => RunError::Select(failures.to_string()),
+impl From<SelectError> for RunError {
+    fn from(error: SelectError) -> Self {
+        match error {
+            SelectError::Measure(inner) => inner
+                .downcast::<RunError>()
+                .map_or_else(|other| RunError::Select(other.to_string()), |inner| *inner),
+            failures @ SelectError::Failures { .. } => RunError::Select(failures.to_string()),
+        }
     }
 }

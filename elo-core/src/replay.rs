@@ -49,12 +49,12 @@ pub fn replays(
     count: usize,
 ) -> Result<Vec<Replay>, RunError> {
     let own = run.held_out_contexts(run.experiment.report.contexts)?;
-    let mut chosen: Vec<usize> =
-        discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
-    chosen.sort_unstable();
-    chosen.dedup();
-    let mut performers: Vec<Performer> =
-        chosen.iter().map(|id| Performer::candidate(&discovery.candidates[*id])).collect();
+    let mut performers: Vec<Performer> = discovery
+        .selection
+        .chosen()
+        .iter()
+        .map(|id| Performer::candidate(&discovery.candidates[*id]))
+        .collect();
     let role = PerformerRole::Plain(|| Behavior::RandomTorque);
     performers.push(Performer { name: "random torque".to_owned(), role });
     let mut replays = Vec::new();

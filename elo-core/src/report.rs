@@ -2,7 +2,7 @@
 //!
 //! The sampling unit of every interval is the context: options that meet the same contexts are not independent.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -133,16 +133,14 @@ pub struct OptionReport {
 pub fn report(run: &Run<'_>, discovery: &Discovery) -> Result<HeldOut, RunError> {
     let contexts = run.held_out_contexts(run.experiment.report.contexts)?;
 
-    let mut wanted: Vec<usize> =
-        discovery.selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
     let subsets = random_subsets(run, discovery.candidates.len());
+    let mut wanted: BTreeSet<usize> = discovery.selection.chosen();
     wanted.extend(subsets.iter().flatten());
-    wanted.sort_unstable();
-    wanted.dedup();
     let options = measure_options(run, discovery, &contexts, &wanted)?;
     let (names, rollouts) = measure_baselines(run, discovery, &contexts)?;
 
-    let yardstick = run.yardstick(&discovery.selection);
+    let Selection { scale, reference, .. } = discovery.selection;
+    let yardstick = run.yardstick(scale, reference);
     let view = View { run, discovery, contexts: &contexts, yardstick };
     let subset_rows: Vec<&[Rollout]> = subsets.iter().flatten().map(|id| options[id].as_slice()).collect();
     let sample = |name: &str, rows: &[&[Rollout]]| view.yardstick.sample(name, rows, &contexts.prices);
@@ -200,7 +198,7 @@ pub(crate) fn measure_options(
     run: &Run<'_>,
     discovery: &Discovery,
     contexts: &ContextSet,
-    ids: &[usize],
+    ids: &BTreeSet<usize>,
 ) -> Result<BTreeMap<usize, Vec<Rollout>>, RunError> {
     let group = |id: &usize| vec![Performer::candidate(&discovery.candidates[*id])];
     let groups: Vec<Vec<Performer>> = ids.iter().map(group).collect();
@@ -251,11 +249,11 @@ fn measure_baselines(
 }
 
 impl Run<'_> {
-    /// What held-out returns are measured against after this selection.
-    pub fn yardstick(&self, selection: &Selection) -> Yardstick<'_> {
+    /// What held-out returns are measured against, by a selection's normalisation and `(μ*, σ*)`.
+    pub fn yardstick(&self, scale: Scale, reference: Reference) -> Yardstick<'_> {
         Yardstick {
-            scale: selection.scale,
-            reference: selection.reference,
+            scale,
+            reference,
             plan: &self.experiment.report,
             return_floor: self.return_floor(),
             seed: self.seed.child("bootstrap"),

@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 use crate::crew::RunError;
 use crate::discover::{ContextSet, Discovery, Run, value};
 use crate::figures::{Row, Yardstick};
-use crate::measured::unwrap_select;
 use crate::metric::Reference;
 use crate::report::HeldOut;
 use crate::returns::{ReturnTable, Scale};
@@ -82,9 +81,9 @@ pub fn reprice(
     });
     let table = ReturnTable::new(select.count, values.collect());
     let scoring = run.scoring(&discovery.candidates, &run.experiment.metrics, &run.experiment.returns);
-    let selection = scoring.choose(&table).map_err(unwrap_select)?;
+    let selection = scoring.choose(&table)?;
 
-    let yardstick = run.yardstick(&selection);
+    let yardstick = run.yardstick(selection.scale, selection.reference);
     let priced = Priced { yardstick, held_out, prices: &report.prices };
     let number = |id: &usize| discovery.candidates[*id].number;
     let sets = discovery.selection.choices.iter().zip(&selection.choices).map(|(own, new)| {

@@ -1,6 +1,7 @@
 //! Algorithm 1(c): scoring candidates by every metric and choosing the `K` best of each, or the one best set where
 //! candidates are sets.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::Range;
 
@@ -99,6 +100,13 @@ pub struct Selection {
     pub failure_shares: Vec<f64>,
     /// What a reader should know: ties, fewer options than asked for, returns without variance.
     pub warnings: Vec<String>,
+}
+
+impl Selection {
+    /// Every candidate that some metric chose.
+    pub fn chosen(&self) -> BTreeSet<usize> {
+        self.choices.iter().flat_map(|choice| choice.chosen.iter().copied()).collect()
+    }
 }
 
 /// One metric's choice.

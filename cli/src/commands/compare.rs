@@ -14,7 +14,7 @@ use elo_core::spec::SimulatorSpec;
 use crate::arguments::Compare;
 use crate::exit::Exit;
 use crate::open::{ready_to_run, staff, with_crew};
-use crate::output::print;
+use crate::output::{print, print_json};
 use crate::{load, table};
 
 /// Measures the sets of both runs and prints the paired differences.
@@ -30,8 +30,7 @@ pub fn run(arguments: &Compare, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         Ok(compare(&Run::new(&experiment, crew)?, &first, &second)?)
     })?;
     if arguments.json {
-        let text = serde_json::to_string_pretty(&found).expect("figures are plain data");
-        print(&format!("{text}\n"))
+        print_json(&found)
     } else {
         let names = [&arguments.first, &arguments.second].map(|path| path.display().to_string());
         print(&table::compared(&found, &names))

@@ -7,7 +7,7 @@ use elo_core::plugin::Plugin;
 use crate::arguments::{ConfigAction, ConfigFile};
 use crate::exit::Exit;
 use crate::load;
-use crate::output::print;
+use crate::output::{print, print_json};
 
 /// Does what `action` says.
 pub fn run(action: &ConfigAction, plugins: &[&[Plugin]]) -> Result<(), Exit> {
@@ -23,8 +23,7 @@ pub fn run(action: &ConfigAction, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         }
         ConfigAction::Schema => {
             let schema = config::json_schema::<Experiment>(plugins);
-            let text = serde_json::to_string_pretty(&schema).expect("a schema is plain data");
-            print(&format!("{text}\n"))
+            print_json(&schema)
         }
     }
 }

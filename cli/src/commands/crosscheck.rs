@@ -8,7 +8,7 @@ use crate::arguments::Crosscheck;
 use crate::engines::{hosts, others};
 use crate::exit::Exit;
 use crate::open::{ready_to_run, staff, with_crew};
-use crate::output::print;
+use crate::output::{print, print_json};
 use crate::{load, table};
 
 /// Measures the candidates of a run on each engine and prints how far the engines agree.
@@ -22,13 +22,13 @@ pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
 
     let simulators: Vec<_> = others.iter().map(|other| duplicate(&other.simulator)).collect();
     let staff = staff(arguments.workers, plugins)?;
-    let (found, json) = with_crew(&arguments.run, hosts(&experiment, &others), staff, |crew| {
+    let found = with_crew(&arguments.run, hosts(&experiment, &others), staff, |crew| {
         let discovery = discover(&experiment, crew)?;
         let found = crosscheck(&Run::new(&experiment, crew)?, &discovery, &simulators, arguments.contexts)?;
         let mut json = serde_json::to_vec_pretty(&found).expect("figures are plain data");
         json.push(b'\n');
         crew.run_dir.write_file("results/crosscheck.json", &json)?;
-        Ok((found, json))
+        Ok(found)
     })?;
-    if arguments.json { print(&String::from_utf8_lossy(&json)) } else { print(&table::crosscheck(&found)) }
+    if arguments.json { print_json(&found) } else { print(&table::crosscheck(&found)) }
 }

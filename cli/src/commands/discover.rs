@@ -3,19 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use elo_core::config;
-use elo_core::crew::Crew;
-use elo_core::discover::{Run, discover};
+use elo_core::discover::{Discovery, Run, discover};
 use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
 use elo_core::plugin::Plugin;
-use elo_core::report::{Report, report};
+use elo_core::report::{HeldOut, report};
 use elo_core::results;
 
 use crate::arguments::Discover;
 use crate::commands::plan;
 use crate::exit::Exit;
 use crate::open::{ready_to_run, staff, with_crew};
-use crate::output::print;
+use crate::output::{print, print_json};
 use crate::{load, table};
 
 /// Runs or takes up the experiment, then prints what it found.
@@ -30,27 +29,27 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     if folder.exists() && !folder.is_dir() {
         return Err(Exit::BadInput(format!("--out: {} is no folder", folder.display())));
     }
-    let report = with_crew(&folder, &experiment, staff, |crew| run_in(&experiment, crew))?;
+    let report =
+        with_crew(&folder, &experiment, staff, |crew| Ok(run_in(&Run::new(&experiment, crew)?)?.1.report))?;
 
     if arguments.json {
-        let text = serde_json::to_string_pretty(&report).expect("a report is plain data");
-        print(&format!("{text}\n"))
+        print_json(&report)
     } else {
         let table = table::report(&report, experiment.report.confidence);
         print(&format!("{table}\nresults in {}\n", folder.join("results").display()))
     }
 }
 
-/// Runs or takes up an experiment in the crew's run directory, and writes its results.
-pub fn run_in(experiment: &Experiment, crew: &Crew<'_>) -> Result<Report, Exit> {
+/// Runs or takes up an experiment in its crew's run directory, and writes its results.
+pub fn run_in(run: &Run<'_>) -> Result<(Discovery, HeldOut), Exit> {
+    let Run { experiment, crew, .. } = *run;
     let resolved = config::show(experiment).map_err(|error| Exit::Failed(error.to_string()))?;
     crew.run_dir.write_file("experiment.toml", resolved.as_bytes())?;
     crew.run_dir.write_file("provenance.json", provenance(experiment).as_bytes())?;
     let discovery = discover(experiment, crew)?;
-    let run = Run::new(experiment, crew)?;
-    let held_out = report(&run, &discovery)?;
-    results::write(&run, &discovery, &held_out)?;
-    Ok(held_out.report)
+    let held_out = report(run, &discovery)?;
+    results::write(run, &discovery, &held_out)?;
+    Ok((discovery, held_out))
 }
 
 fn default_folder(config: &Path) -> PathBuf {

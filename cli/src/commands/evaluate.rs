@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::arguments::Evaluate;
 use crate::exit::Exit;
 use crate::open::{ready_to_run, staff, with_crew};
-use crate::output::print;
+use crate::output::{print, print_json};
 use crate::{load, table};
 
 /// Measures the set and prints its figures.
@@ -29,12 +29,7 @@ pub fn run(arguments: &Evaluate, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let folder = arguments.out.as_deref().unwrap_or(temporary.path());
     let evaluation =
         with_crew(folder, &experiment, staff, |crew| Ok(evaluate(&Run::new(&experiment, crew)?, &set)?))?;
-    if arguments.json {
-        let text = serde_json::to_string_pretty(&evaluation).expect("figures are plain data");
-        print(&format!("{text}\n"))
-    } else {
-        print(&table::evaluation(&evaluation))
-    }
+    if arguments.json { print_json(&evaluation) } else { print(&table::evaluation(&evaluation)) }
 }
 
 /// The experiment that made the set, with another seed and the user's changes.

@@ -1,16 +1,14 @@
 //! `elo experiments`: the figures and tables of the paper for a finished run.
 
-use elo_core::crew::Crew;
-use elo_core::discover::{Run, discover};
-use elo_core::experiment::Experiment;
+use elo_core::discover::{Discovery, Run, discover};
 use elo_core::experiments::{self, experiments};
 use elo_core::plugin::Plugin;
-use elo_core::report::report;
+use elo_core::report::{HeldOut, report};
 
 use crate::arguments::Experiments;
 use crate::exit::Exit;
 use crate::open::{ready_to_run, staff, with_crew};
-use crate::output::print;
+use crate::output::{print, print_json};
 use crate::{experiments_table, load, paper};
 
 /// Measures what is missing and prints it.
@@ -18,10 +16,14 @@ pub fn run(arguments: &Experiments, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let experiment = load::of_run(&arguments.run, plugins)?;
     ready_to_run(&experiment)?;
     let staff = staff(arguments.workers, plugins)?;
-    let found = with_crew(&arguments.run, &experiment, staff, |crew| run_in(&experiment, crew))?;
+    let found = with_crew(&arguments.run, &experiment, staff, |crew| {
+        let run = Run::new(&experiment, crew)?;
+        let discovery = discover(&experiment, crew)?;
+        let held_out = report(&run, &discovery)?;
+        run_in(&run, &discovery, &held_out)
+    })?;
     if arguments.json {
-        let text = serde_json::to_string_pretty(&found).expect("figures are plain data");
-        print(&format!("{text}\n"))
+        print_json(&found)
     } else {
         let confidence = experiment.report.confidence;
         let beside = paper::beside(std::slice::from_ref(&found), confidence);
@@ -29,12 +31,13 @@ pub fn run(arguments: &Experiments, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     }
 }
 
-/// Takes up the experiments of a run in the crew's run directory, and writes their results.
-pub fn run_in(experiment: &Experiment, crew: &Crew<'_>) -> Result<experiments::Experiments, Exit> {
-    let discovery = discover(experiment, crew)?;
-    let run = Run::new(experiment, crew)?;
-    let held_out = report(&run, &discovery)?;
-    let found = experiments(&run, &discovery, &held_out)?;
-    experiments::write(crew.run_dir, &found)?;
+/// Takes up the experiments of a run in its crew's run directory, and writes their results.
+pub fn run_in(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    held_out: &HeldOut,
+) -> Result<experiments::Experiments, Exit> {
+    let found = experiments(run, discovery, held_out)?;
+    experiments::write(run.crew.run_dir, &found)?;
     Ok(found)
 }

@@ -10,7 +10,7 @@ use elo_core::task::{Range, TaskDistribution};
 use crate::arguments::Reprice;
 use crate::exit::Exit;
 use crate::open::{staff, with_crew};
-use crate::output::print;
+use crate::output::{print, print_json};
 use crate::{load, table};
 
 /// Prices the run's rollouts anew and prints what came of it.
@@ -37,12 +37,7 @@ pub fn run(arguments: &Reprice, plugins: &[&[Plugin]]) -> Result<(), Exit> {
         let held_out = report(&run, &discovery)?;
         Ok(reprice(&run, &discovery, &held_out, &tasks)?)
     })?;
-    if arguments.json {
-        let text = serde_json::to_string_pretty(&found).expect("figures are plain data");
-        print(&format!("{text}\n"))
-    } else {
-        print(&table::repriced(&found))
-    }
+    if arguments.json { print_json(&found) } else { print(&table::repriced(&found)) }
 }
 
 fn range(text: &str) -> Result<(&str, Range), Exit> {

@@ -3,11 +3,13 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use elo_core::discover::Run;
 use elo_core::experiment::Experiment;
 use elo_core::experiments::Experiments;
 use elo_core::fingerprint::fingerprint;
 use elo_core::plugin::Plugin;
 use serde::Serialize;
+use toml::{Table, Value};
 
 use crate::arguments::{Reproduce, Scale};
 use crate::commands::{discover, experiments};
@@ -25,16 +27,11 @@ const PRESETS: [(&str, &str); 3] = [
 ];
 
 /// What the quick scale changes.
-const QUICK: [&str; 8] = [
-    "teacher.steps=300000",
-    "teacher.snapshots=6",
-    "discover.teachers=2",
-    "discover.candidates=60",
-    "discover.contexts=60",
-    "report.contexts=100",
-    "report.random_subsets=4",
-    "teacher.d0_pool=100",
-];
+const QUICK: &str = "
+    teacher = { steps = 300_000, snapshots = 6, d0_pool = 100 }
+    discover = { teachers = 2, candidates = 60, contexts = 60 }
+    report = { contexts = 100, random_subsets = 4 }
+";
 
 /// `reproduction.json`.
 #[derive(Serialize)]
@@ -87,8 +84,9 @@ pub fn run(arguments: &Reproduce, plugins: &[&[Plugin]]) -> Result<(), Exit> {
             let staff = staff(arguments.workers, plugins)?;
             let run = folder.join(format!("{robot}-seed-{seed}"));
             seeds.push(with_crew(&run, &experiment, staff, |crew| {
-                discover::run_in(&experiment, crew)?;
-                experiments::run_in(&experiment, crew)
+                let run = Run::new(&experiment, crew)?;
+                let (discovery, held_out) = discover::run_in(&run)?;
+                experiments::run_in(&run, &discovery, &held_out)
             })?);
         }
         let beside = paper::beside(&seeds, CONFIDENCE);
@@ -133,15 +131,27 @@ fn experiment(
     seed: u64,
     plugins: &[&[Plugin]],
 ) -> Result<Experiment, Exit> {
-    let mut overrides = vec![format!("seed={seed}"), format!("simulator.kind={}", arguments.simulator)];
+    let table = |text: &str| text.parse::<Table>().expect("presets are TOML");
+    let mut preset = table(preset);
+    merge(&mut preset, toml::toml! { seed = (seed as i64) });
+    merge(&mut preset, toml::toml! { simulator = { kind = (arguments.simulator.clone()) } });
     if arguments.scale == Scale::Quick {
-        overrides.extend(QUICK.map(str::to_owned));
+        merge(&mut preset, table(QUICK));
     }
-    overrides.extend(arguments.overrides.iter().cloned());
     let name = PathBuf::from(format!("the preset of {robot}"));
-    let experiment = load::embedded(preset, &name, &overrides, plugins)?;
+    let experiment = load::embedded(&preset.to_string(), &name, &arguments.overrides, plugins)?;
     ready_to_run(&experiment)?;
     Ok(experiment)
+}
+
+/// Puts the values of `changes` into `table`, those of tables within it one by one.
+fn merge(table: &mut Table, changes: Table) {
+    for (name, change) in changes {
+        match (table.get_mut(&name), change) {
+            (Some(Value::Table(inner)), Value::Table(changes)) => merge(inner, changes),
+            (_, change) => drop(table.insert(name, change)),
+        }
+    }
 }
 
 fn csv(all: &[Reproduced]) -> String {

@@ -149,7 +149,12 @@ fn experiments(sizes: Sizes) -> Experiments {
         sweep: [Tail::Lower, Tail::Upper].into_iter().flat_map(sweep).collect(),
         spreads: METRICS
             .iter()
-            .map(|m| ScoreSpread { metric: (*m).to_owned(), scores: vec![0.1, 0.2], near_best: 0.25 })
+            .map(|m| ScoreSpread {
+                metric: (*m).to_owned(),
+                candidates: vec![0, 3],
+                scores: vec![0.1, 0.2],
+                near_best: 0.25,
+            })
             .collect(),
     }
 }

@@ -161,8 +161,7 @@ impl LearningCurve {
             .map(|acts| {
                 let values: Vec<(f64, Vec<f64>)> =
                     self.policies.iter().map(|kept| (kept.steps as f64, kept.acting(acts))).collect();
-                let name = format!("equivalent of {} {acts:?}", agent.name);
-                let mut stream = view.yardstick.seed.child(&name).stream();
+                let mut stream = view.yardstick.stream();
                 let (steps, mut drawn) = resampled(&values, &agent.context_means(), view, &mut stream);
                 drawn.sort_by(|a, b| a.partial_cmp(b).expect("crossings are numbers"));
                 let tail = (1.0 - view.yardstick.plan.confidence) / 2.0;

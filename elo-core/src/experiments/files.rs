@@ -170,10 +170,10 @@ fn sweep(found: &Experiments) -> String {
 }
 
 fn scores(found: &Experiments) -> String {
-    let mut text = "metric,score\n".to_owned();
+    let mut text = "metric,candidate,score\n".to_owned();
     for spread in &found.spreads {
-        for score in &spread.scores {
-            let _ = writeln!(text, "{},{score}", quoted(&spread.metric));
+        for (candidate, score) in spread.candidates.iter().zip(&spread.scores) {
+            let _ = writeln!(text, "{},{candidate},{score}", quoted(&spread.metric));
         }
     }
     text

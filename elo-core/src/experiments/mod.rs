@@ -19,8 +19,9 @@ use crate::experiment::Experiment;
 use crate::figures::{Row, Sample, Tail, Yardstick};
 use crate::performer::{Performer, PerformerRole};
 use crate::policy::OptionLearner;
-use crate::report::{HeldOut, report};
+use crate::report::{HeldOut, measure_options};
 use crate::rollout::{Ending, Rollout};
+use crate::select::Selection;
 use crate::simulator::Engine;
 use crate::statistics::proportion::clopper_pearson_upper;
 use crate::statistics::ranking::near_best;
@@ -93,7 +94,9 @@ pub struct Bound {
 pub struct ScoreSpread {
     /// The metric's label.
     pub metric: String,
-    /// One score a candidate that can be chosen, in the order of their numbers.
+    /// Numbers of the candidates that can be chosen.
+    pub candidates: Vec<usize>,
+    /// The score of each.
     pub scores: Vec<f64>,
     /// Share of candidates whose score is within 10 % of the best one's, the best among them.
     pub near_best: f64,
@@ -111,7 +114,8 @@ pub fn experiments(
     discovery: &Discovery,
     held_out: &HeldOut,
 ) -> Result<Experiments, RunError> {
-    let view = View { run, discovery, held_out, yardstick: run.yardstick(&discovery.selection) };
+    let Selection { scale, reference, .. } = discovery.selection;
+    let view = View { run, discovery, held_out, yardstick: run.yardstick(scale, reference) };
 
     // Figures 5.2 and 5.3: the infant agent with each set, and everybody that it is compared with.
     let mut agents = view.infants()?;
@@ -208,8 +212,9 @@ impl View<'_> {
         let experiment = Experiment { option_learner, ..duplicate(self.run.experiment) };
         let discovery = discover(&experiment, self.run.crew)?;
         let run = Run::new(&experiment, self.run.crew)?;
-        let held_out = report(&run, &discovery)?;
-        let rows = |id: &usize| held_out.options[id].clone();
+        let contexts = &self.held_out.contexts;
+        let rollouts = measure_options(&run, &discovery, contexts, &discovery.selection.chosen())?;
+        let rows = |id: &usize| rollouts[id].clone();
         let choices = discovery.selection.choices.iter();
         Ok(choices
             .map(|choice| {
@@ -225,7 +230,7 @@ impl View<'_> {
     fn figures(&self, agent: &Measured) -> Result<AgentReturns, RunError> {
         let sample = &agent.sample;
         let threshold = self.yardstick.threshold(Tail::Lower);
-        let mut stream = self.yardstick.seed.child("one member a context").child(&sample.name).stream();
+        let mut stream = self.yardstick.seed.child("one member a context").stream();
         let members: Vec<usize> =
             sample.returns.iter().map(|values| stream.random_range(0..values.len())).collect();
         let drawn = || members.iter().enumerate().map(|(j, member)| (j, *member));
@@ -250,8 +255,11 @@ impl View<'_> {
         let choices = self.discovery.selection.choices.iter();
         choices
             .map(|choice| {
-                let scores: Vec<f64> = choice.scores.iter().flatten().copied().collect();
-                ScoreSpread { metric: choice.metric.clone(), near_best: near_best(&scores, 0.1), scores }
+                let scored = choice.scores.iter().zip(&self.discovery.candidates);
+                let (candidates, scores): (Vec<usize>, Vec<f64>) =
+                    scored.filter_map(|(score, candidate)| Some((candidate.number, (*score)?))).unzip();
+                let near_best = near_best(&scores, 0.1);
+                ScoreSpread { metric: choice.metric.clone(), candidates, scores, near_best }
             })
             .collect()
     }

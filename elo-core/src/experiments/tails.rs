@@ -141,12 +141,8 @@ impl<'a> Sets<'a> {
         let scaling = ReturnScaling { set_value, ..run.experiment.returns.clone() };
         let pool = Pool { candidates: &discovery.candidates, contexts: &discovery.contexts };
         let (selection, _) = run.select(&pool, metrics, &scaling)?;
-        let mut wanted: Vec<usize> =
-            selection.choices.iter().flat_map(|choice| choice.chosen.clone()).collect();
-        wanted.sort_unstable();
-        wanted.dedup();
-        let rollouts = measure_options(run, discovery, &view.held_out.contexts, &wanted)?;
-        let yardstick = run.yardstick(&selection);
+        let rollouts = measure_options(run, discovery, &view.held_out.contexts, &selection.chosen())?;
+        let yardstick = run.yardstick(selection.scale, selection.reference);
         let sample = |choice: &Choice| {
             let members: Vec<_> = choice.chosen.iter().map(|id| rollouts[id].as_slice()).collect();
             let sample = yardstick.sample(&choice.metric, &members, &view.held_out.contexts.prices);
@@ -201,8 +197,7 @@ impl<'a> Sets<'a> {
         };
         let all: Vec<usize> = (0..before.len()).collect();
         let estimate = relative(&all)?;
-        let name = format!("improvement {} {:?}", self.samples[index].name, self.set_value);
-        let mut stream = self.yardstick.seed.child(&name).stream();
+        let mut stream = self.yardstick.stream();
         let plan = self.yardstick.plan;
         let found = |drawn: &[usize]| relative(drawn).unwrap_or(estimate);
         bootstrap(before.len(), plan.bootstrap_draws, plan.confidence, &mut stream, found).ok()

@@ -15,10 +15,9 @@ use std::sync::atomic::AtomicBool;
 use elo_cli::hosts::Programs;
 use elo_core::context::{Context, PreparedStart};
 use elo_core::crew::{Crew, Staff, Unit, Watcher};
-use elo_core::discover::duplicate;
-use elo_core::experiment::{Experiment, TeacherActs};
+use elo_core::discover::{Run, duplicate};
+use elo_core::experiment::TeacherActs;
 use elo_core::fingerprint::fingerprint;
-use elo_core::policy::TeacherConfig;
 use elo_core::rollout::{Ending, Horizon, Rollout, price};
 use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
@@ -28,7 +27,7 @@ use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
 use elo_core::units::play::Play;
 use elo_core::units::prepare;
-use elo_core::units::train::{TeacherResult, Train};
+use elo_core::units::train::TeacherResult;
 use measurements::Failure;
 
 /// Episodes behind each point of a curve.
@@ -48,11 +47,14 @@ fn main() -> Result<(), Failure> {
     let workers = std::thread::available_parallelism().map_or(1, usize::from);
     let staff = Staff { workers, formats: elo_cli::formats(&plugins), program: fingerprint() };
     let crew = Crew::new(staff, &run_dir, &hosts, &Told, &stop);
+    let run = Run::new(&experiment, &crew)?;
 
     let seeds: Vec<u64> = (1..=seeds.parse()?).collect();
     let roots: Vec<Seed> = seeds.iter().map(|seed| Seed::root(*seed).child("learning-curves")).collect();
-    let trainings: Vec<Unit> =
-        roots.iter().map(|root| training(&experiment, root)).collect::<Result<_, _>>()?;
+    let trainings: Vec<Unit> = roots
+        .iter()
+        .map(|root| run.training(&Task::default(), root.child("teacher")))
+        .collect::<Result<_, _>>()?;
     let trained = crew.complete("trainings", &trainings)?;
 
     println!("engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls");
@@ -62,7 +64,7 @@ fn main() -> Result<(), Failure> {
         let snapshots = result.trained.ok_or("a training diverged")?.snapshots;
         let contexts = crew.import(&prepare::encode(&contexts(root)))?;
         let unit = |snapshot: usize| {
-            let work = episodes(&experiment, root, snapshot)?.into();
+            let work = episodes(&run, root, snapshot)?.into();
             Ok(Unit { work, inputs: vec![contexts, *key] })
         };
         let units: Vec<Unit> = (0..snapshots.len()).map(unit).collect::<Result<_, Failure>>()?;
@@ -75,35 +77,20 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-fn teacher(experiment: &Experiment) -> Result<Box<dyn TeacherConfig>, Failure> {
-    Ok(experiment.teacher.as_ref().map(duplicate).ok_or("the config has no [teacher]")?)
-}
-
-fn training(experiment: &Experiment, root: &Seed) -> Result<Unit, Failure> {
-    let work = Train {
-        simulator: duplicate(&experiment.simulator),
-        teacher: teacher(experiment)?,
-        task: Task::default(),
-        initial_states: experiment.initial_states.clone(),
-        seed: root.child("teacher"),
-    };
-    Ok(Unit { work: work.into(), inputs: Vec::new() })
-}
-
 fn contexts(root: &Seed) -> Vec<Context> {
     let start = |episode| PreparedStart::standard(root.child("episode").index(episode).number());
     (0..EPISODES).map(|episode| Context { task: Task::default(), start: start(episode) }).collect()
 }
 
-fn episodes(experiment: &Experiment, root: &Seed, snapshot: usize) -> Result<Evaluate, Failure> {
+fn episodes(run: &Run<'_>, root: &Seed, snapshot: usize) -> Result<Evaluate, Failure> {
     let behavior = Behavior::Teacher {
-        teacher: teacher(experiment)?,
+        teacher: run.teacher()?,
         input: 1,
         snapshot: Some(snapshot),
         acts: TeacherActs::Mean,
     };
     let play = Play {
-        simulator: duplicate(&experiment.simulator),
+        simulator: duplicate(&run.experiment.simulator),
         subjects: vec![Subject { name: "teacher".to_owned(), behavior }],
         horizon: Horizon { steps: 1000, discount: 1.0, stop_at_fall: true },
         seed: root.child("episodes"),
