@@ -54,7 +54,8 @@ class OptionSet:
     def act(self, option: int, observation: Observation, elapsed: int, seed: int = 0) -> Action:
         """What option number `option` does at `observation` (observation_size numbers) after `elapsed` of its steps.
 
-        `seed` feeds options that draw their actions; the present kinds do not. Gives an array of the action's size.
+        `seed` feeds options that draw their actions, such as those of the learner `interest`: give each step another one.
+        Gives an array of the action's size.
         """
         return self._options.act((option, elapsed), _array(observation), seed)
 
@@ -65,9 +66,14 @@ class OptionSet:
     def interests(self, observation: Observation) -> npt.NDArray[np.float32]:
         """How much each option wants to begin at `observation`: positive numbers, all equal for options without interest.
 
-        An infant agent draws its next option in proportion to them.
+        See `draw`. Interests mean something only beside those of the same set.
         """
         return np.asarray(self._options.interests(_array(observation)), np.float32)
+
+    def draw(self, observation: Observation, generator: np.random.Generator) -> int:
+        """The number of the option that an infant agent begins at `observation`: by interest, π_I of Eq. 6.3."""
+        interests = self.interests(observation).astype(np.float64)
+        return int(generator.choice(len(self), p=interests / interests.sum()))
 
 
 def load(path: str | os.PathLike[str]) -> OptionSet:

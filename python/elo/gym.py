@@ -89,6 +89,8 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
     numbers: the greatest of the first 1 + K chooses a primitive action (the first) or an option, and the last J, as far
     as the wrapped environment's bounds allow, are the primitive action.
 
+    `draw()` is the infant agent's choice: `step(draw())` again and again is that agent.
+
     The reward of a decision that lasted n steps is the SMDP's, `r_1 + γ r_2 + … + γ^(n-1) r_n`. `info` tells `steps` (n),
     `discount` (γ^n, by which a learner must discount what follows), `return` (the undiscounted sum) and `option` (its number,
     or -1).
@@ -141,6 +143,13 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
                 break
         info = {**info, "option": option, "steps": steps, "discount": weight, "return": total}
         return self._observation, reward, terminated, truncated, info
+
+    def draw(self) -> int:
+        """The option that an infant agent begins now: by interest, π_I of Eq. 6.3; uniformly where options have none.
+
+        With `primitive` the number is still that of an option, not an action of the wrapper.
+        """
+        return self.options.draw(self._observation, self.np_random)
 
     def _ends(self, option: int, steps: int) -> bool:
         probability = self.options.termination(option, self._observation, steps)

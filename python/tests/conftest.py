@@ -68,6 +68,19 @@ def quick_run(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     return out
 
 
+@pytest.fixture(scope="session")
+def closed_loop_run(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small run of the half-cheetah with one set of closed-loop options, learned by practice."""
+    out = tmp_path_factory.mktemp("closed-loop")
+    sizes = ["option_learner.kind=interest", "option_learner.iterations=3", "option_learner.rollouts=4"]
+    sizes += ["discover.candidates=1", "discover.contexts=6", "discover.set_size=3", "discover.steps=20"]
+    sizes += ["initial_states.max_random_steps=0", "report.contexts=6"]
+    arguments = [argument for size in sizes for argument in ("--set", size)]
+    config = REPOSITORY / "examples" / "half-cheetah-quick.toml"
+    subprocess.run([elo_program, "discover", config, "--out", out, *arguments], check=True, capture_output=True)
+    return out
+
+
 @pytest.fixture
 def discover(elo_program: Path, tmp_path: Path) -> Discover:
     """Runs `elo discover` on a `[simulator]` table; its results are in `tmp_path / "run"`."""

@@ -94,6 +94,57 @@ def test_several_at_once() -> None:
     assert environments.step(environments.action_space.sample())[1].shape == (2,)
 
 
+def tensors(path: Path) -> dict[str, np.ndarray]:
+    """A safetensors file, read by the letter of its format."""
+    data = path.read_bytes()
+    start = 8 + int.from_bytes(data[:8], "little")
+    header = json.loads(data[8:start])
+    header.pop("__metadata__", None)
+    return {
+        name: np.frombuffer(data[start + entry["data_offsets"][0] : start + entry["data_offsets"][1]], "<f4").reshape(
+            entry["shape"]
+        )
+        for name, entry in header.items()
+    }
+
+
+def network(found: dict[str, np.ndarray], prefix: str, observation: np.ndarray) -> np.ndarray:
+    """What the stored network under `prefix` says, in NumPy: normalised, cut to ±10, tanh after all layers but the last."""
+    x = (observation - found[prefix + "observation_mean"]) * found[prefix + "observation_scale"]
+    x = np.clip(x, -10.0, 10.0)
+    layers = sum(name.startswith(prefix) and name.endswith(".weight") for name in found)
+    for layer in range(layers):
+        x = x @ found[f"{prefix}layer{layer}.weight"] + found[f"{prefix}layer{layer}.bias"]
+        x = np.tanh(x) if layer < layers - 1 else x
+    return x
+
+
+def test_options_with_interests_are_what_their_tensors_say(closed_loop_run: Path) -> None:
+    folder = closed_loop_run / "results" / "option_sets" / "maximum_mean"
+    options, found = elo.load(folder), tensors(folder / "options.safetensors")
+    assert [entry["policy"] for entry in options.manifest["options"]] == ["interest"] * 3
+    observation = np.random.default_rng(1).normal(size=26).astype(np.float32)
+    interests = [float(np.exp(network(found, f"{i}.log_interest/", observation)[0])) for i in range(3)]
+    assert options.interests(observation).tolist() == pytest.approx(interests, rel=1e-4)
+    assert len(set(interests)) == 3
+    for i in range(3):
+        assert options.termination(i, observation, 5) == pytest.approx(float(found[f"{i}.ending"][0]))
+        actions = np.array([options.act(i, observation, 0, seed) for seed in range(1000)])
+        means, deviations = network(found, f"{i}.policy/", observation), np.exp(found[f"{i}.log_std"])
+        assert np.all(np.abs(actions.mean(0) - means) < 5.0 * deviations / np.sqrt(1000))
+        assert actions.std(0) == pytest.approx(deviations, rel=0.15)
+
+    # Drawn by interest: the infant agent.
+    generator = np.random.default_rng(2)
+    drawn = np.bincount([options.draw(observation, generator) for _ in range(3000)], minlength=3)
+    shares = np.array(interests) / sum(interests)
+    assert np.all(np.abs(drawn / 3000 - shares) < 5.0 * np.sqrt(shares * (1.0 - shares) / 3000))
+    wrapper = elo.gym.OptionsWrapper(Counting(options, 50), options)
+    wrapper.reset(seed=1)
+    assert {wrapper.draw() for _ in range(200)} == {0, 1, 2}
+    assert wrapper.step(wrapper.draw())[4]["steps"] >= 1
+
+
 class Counting(gymnasium.Env):
     """Pays 1, 2, 3, … and ends after `length` steps."""
 
