@@ -13,6 +13,9 @@ use crate::format::interval;
 use crate::paper::Beside;
 use crate::table::{heading, line};
 
+/// Width of the column of names.
+const NAMES: usize = 42;
+
 /// Everything that the experiments found.
 pub fn experiments(found: &Experiments, confidence: f64) -> String {
     let Experiments { robot, engine, seed, contexts, steps, .. } = found;
@@ -22,19 +25,19 @@ pub fn experiments(found: &Experiments, confidence: f64) -> String {
          contexts\n\nFigures 5.2 and 5.3: everybody in the same contexts\n",
         confidence * 100.0
     );
-    heading(&mut text);
+    heading(&mut text, NAMES);
     for agent in &found.agents {
-        line(&mut text, &agent.row.name, &agent.row);
+        line(&mut text, NAMES, &agent.row.name, &agent.row);
     }
     let _ = writeln!(
         text,
-        "\n{:<40} {:>16} {:>12} {:>16} {:>12}",
+        "\n{:<NAMES$} {:>16} {:>12} {:>16} {:>12}",
         "of one rollout a context", "fell", "at most", "V < μ* − α σ*", "at most"
     );
     text.push_str("(at most: Clopper and Pearson's upper bound of the probability, one-sided)\n");
     for agent in &found.agents {
         let (falls, low) = (bound(&agent.falls), bound(&agent.low_returns));
-        let _ = writeln!(text, "{:<40} {falls} {low}", agent.row.name);
+        let _ = writeln!(text, "{:<NAMES$} {falls} {low}", agent.row.name);
     }
     equivalents(&mut text, found);
     tails(&mut text, found);
@@ -74,7 +77,7 @@ fn equivalents(text: &mut String, found: &Experiments) {
             TeacherActs::Sample => "by samples",
             TeacherActs::Mean => "by its mean",
         };
-        let _ = writeln!(text, "{:<40} {acts:<12} {}", one.agent, crossing(one, last.steps));
+        let _ = writeln!(text, "{:<NAMES$} {acts:<12} {}", one.agent, crossing(one, last.steps));
     }
 }
 

@@ -38,18 +38,18 @@ pub fn report(report: &Report, confidence: f64) -> String {
             interval(&set.score, SCORE_DIGITS),
             set.selection_score
         );
-        heading(&mut text);
-        line(&mut text, "the set", &set.row);
+        heading(&mut text, NAMES);
+        line(&mut text, NAMES, "the set", &set.row);
         for option in &set.options {
             let teacher = option.teacher.map_or(String::new(), |teacher| format!(" (teacher {teacher})"));
-            line(&mut text, &format!("  {}{teacher}", option.row.name), &option.row);
+            line(&mut text, NAMES, &format!("  {}{teacher}", option.row.name), &option.row);
         }
         comparisons(&mut text, &set.against);
     }
     let _ = writeln!(text, "\nin the same contexts");
-    heading(&mut text);
+    heading(&mut text, NAMES);
     for row in &report.baselines {
-        line(&mut text, &row.name, row);
+        line(&mut text, NAMES, &row.name, row);
     }
     for warning in &report.warnings {
         let _ = writeln!(text, "warning: {warning}");
@@ -86,13 +86,13 @@ pub fn evaluation(evaluation: &Evaluation) -> String {
     let kind = if seed == made_with_seed { "held-out contexts of the run's own" } else { "fresh contexts" };
     let (name, version) = (&engine.name, &engine.version);
     let _ = writeln!(text, "\n{metric} set of {robot} in {name} {version}: {contexts} {kind}, seed {seed}");
-    heading(&mut text);
-    line(&mut text, "the set", &evaluation.set);
+    heading(&mut text, NAMES);
+    line(&mut text, NAMES, "the set", &evaluation.set);
     for row in &evaluation.options {
-        line(&mut text, &format!("  {}", row.name), row);
+        line(&mut text, NAMES, &format!("  {}", row.name), row);
     }
     for row in &evaluation.baselines {
-        line(&mut text, &row.name, row);
+        line(&mut text, NAMES, &row.name, row);
     }
     comparisons(&mut text, &evaluation.against);
     text
@@ -151,23 +151,28 @@ pub fn crosscheck(found: &Crosscheck) -> String {
     text
 }
 
-pub fn heading(text: &mut String) {
-    let _ = write!(text, "{:<34}", "");
+/// Width of the column of names.
+const NAMES: usize = 34;
+
+/// The heading of [`line`]s whose names have a column of `names` characters.
+pub fn heading(text: &mut String, names: usize) {
+    let _ = write!(text, "{:<names$}", "");
     for column in &COLUMNS {
         let _ = write!(text, " {:>width$}", column.heading, width = column.width);
     }
     let _ = writeln!(text, " {:>6} {:>6}", "falls", "steps");
 }
 
-pub fn line(text: &mut String, name: &str, row: &Row) {
-    let _ = write!(text, "{name:<34}");
+/// One row of figures.
+pub fn line(text: &mut String, names: usize, name: &str, row: &Row) {
+    let _ = write!(text, "{name:<names$}");
     for column in &COLUMNS {
         let figure = interval((column.of)(row), column.digits);
         let _ = write!(text, " {figure:>width$}", width = column.width);
     }
     let _ = writeln!(text, " {:>4} % {:>6.0}", percent(row.falls.estimate, 0), row.mean_length);
     if row.failures > 0.0 {
-        let _ = writeln!(text, "{:<34} {} % of these rollouts failed", "", percent(row.failures, 1));
+        let _ = writeln!(text, "{:<names$} {} % of these rollouts failed", "", percent(row.failures, 1));
     }
 }
 
@@ -188,9 +193,9 @@ pub fn repriced(found: &Repriced) -> String {
         normalisation(&found.scale, &found.reference)
     );
     let list = |numbers: &[usize]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
-    heading(&mut text);
+    heading(&mut text, NAMES);
     for set in sets {
-        line(&mut text, &set.metric, &set.row);
+        line(&mut text, NAMES, &set.metric, &set.row);
         let same = |of: &[usize]| of.iter().copied().collect::<BTreeSet<_>>();
         if same(&set.chosen) == same(&set.options) {
             let _ = writeln!(text, "  the same options would be chosen: {}", list(&set.options));
@@ -199,14 +204,14 @@ pub fn repriced(found: &Repriced) -> String {
         let _ =
             writeln!(text, "  its options {}; now {} would be chosen", list(&set.options), list(&set.chosen));
         match &set.chosen_row {
-            Some(row) => line(&mut text, "  those", row),
+            Some(row) => line(&mut text, NAMES, "  those", row),
             None => text.push_str(
                 "  some of those have no held-out rollouts: `elo discover` with these ranges measures them\n",
             ),
         }
     }
     for row in baselines {
-        line(&mut text, &row.name, row);
+        line(&mut text, NAMES, &row.name, row);
     }
     text
 }
@@ -224,12 +229,12 @@ pub fn compared(found: &RunComparison, names: &[String; 2]) -> String {
         let metrics = if ours == theirs { ours.clone() } else { format!("{ours} and {theirs}") };
         let _ = writeln!(text, "\n{metrics}");
         text.push_str(&normalisation(&pair.scale, &pair.reference));
-        heading(&mut text);
-        line(&mut text, &format!("1: {first}"), &pair.first);
-        line(&mut text, &format!("2: {second}"), &pair.second);
+        heading(&mut text, NAMES);
+        line(&mut text, NAMES, &format!("1: {first}"), &pair.first);
+        line(&mut text, NAMES, &format!("2: {second}"), &pair.second);
         let (returns, falls) = (interval(&pair.difference, 1), interval(&pair.falls, 3));
-        let _ = writeln!(text, "{:<34} {returns:>24}", "return, 2 minus 1");
-        let _ = writeln!(text, "{:<34} {falls:>24}", "share of falls, 2 minus 1");
+        let _ = writeln!(text, "{:<NAMES$} {returns:>24}", "return, 2 minus 1");
+        let _ = writeln!(text, "{:<NAMES$} {falls:>24}", "share of falls, 2 minus 1");
     }
     text
 }

@@ -8,6 +8,8 @@ mod files;
 mod plan;
 pub mod tails;
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use serde::{Deserialize, Serialize};
 
 pub use files::write;
@@ -21,7 +23,7 @@ use crate::performer::{Performer, PerformerRole};
 use crate::policy::OptionLearner;
 use crate::report::{HeldOut, measure_options};
 use crate::rollout::{Ending, Rollout};
-use crate::select::Selection;
+use crate::select::{Choice, Selection};
 use crate::simulator::Engine;
 use crate::statistics::proportion::clopper_pearson_upper;
 use crate::statistics::ranking::near_best;
@@ -172,6 +174,12 @@ pub(crate) struct Measured {
     rows: Vec<Vec<Rollout>>,
 }
 
+/// The rollouts of what a metric chose, in the order of the candidates: the same set in another order is the same sample.
+fn rows_of(choice: &Choice, rollouts: &BTreeMap<usize, Vec<Rollout>>) -> Vec<Vec<Rollout>> {
+    let chosen: BTreeSet<usize> = choice.chosen.iter().copied().collect();
+    chosen.iter().map(|id| rollouts[id].clone()).collect()
+}
+
 impl View<'_> {
     pub fn measured(&self, name: &str, rows: Vec<Vec<Rollout>>) -> Measured {
         let members: Vec<&[Rollout]> = rows.iter().map(Vec::as_slice).collect();
@@ -187,9 +195,8 @@ impl View<'_> {
 
     fn infants(&self) -> Result<Vec<Measured>, RunError> {
         let choices = self.discovery.selection.choices.iter();
-        let of = |id: &usize| self.held_out.options[id].clone();
         Ok(choices
-            .map(|choice| self.measured(&choice.metric, choice.chosen.iter().map(of).collect()))
+            .map(|choice| self.measured(&choice.metric, rows_of(choice, &self.held_out.options)))
             .collect())
     }
 
@@ -214,12 +221,9 @@ impl View<'_> {
         let run = Run::new(&experiment, self.run.crew)?;
         let contexts = &self.held_out.contexts;
         let rollouts = measure_options(&run, &discovery, contexts, &discovery.selection.chosen())?;
-        let rows = |id: &usize| rollouts[id].clone();
         let choices = discovery.selection.choices.iter();
         Ok(choices
-            .map(|choice| {
-                self.measured(&format!("{kind}: {}", choice.metric), choice.chosen.iter().map(rows).collect())
-            })
+            .map(|choice| self.measured(&format!("{kind}: {}", choice.metric), rows_of(choice, &rollouts)))
             .collect())
     }
 
