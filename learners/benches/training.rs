@@ -107,8 +107,7 @@ fn training(epochs: usize) -> f64 {
 
 /// The same for sets of five closed-loop options.
 fn practice(epochs: usize) -> f64 {
-    let config =
-        InterestConfig { iterations: 10, rollouts: ROLLOUTS, epochs, ..InterestConfig::default() };
+    let config = InterestConfig { iterations: 10, rollouts: ROLLOUTS, epochs, ..InterestConfig::default() };
     let (tasks, initial_states) =
         (TaskDistribution::default(), InitialStates { max_random_steps: 0, ..InitialStates::default() });
     let practice = Practice {
