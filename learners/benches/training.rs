@@ -1,25 +1,32 @@
 //! What learning costs beside the simulator, on one thread: `cargo bench -p elo-learners --bench training`.
 //!
-//! The world moves next to nothing, so that what is left is PPO's own: acting (normalising, inference, sampling) and
+//! The world moves next to nothing, so that what is left is the learner's own: acting (normalising, inference, sampling) and
 //! improving (epochs of minibatches). Their shares come from trainings with one and with ten epochs.
 
 use std::time::Instant;
 
 use elo_core::context::InitialStates;
 use elo_core::fault::Faults;
-use elo_core::policy::{Demonstration, Imitate as _, Lesson, TeacherConfig as _, Unwatched};
+use elo_core::policy::{
+    Demonstration, Imitate as _, Lesson, Practice, Practise as _, TeacherConfig as _, Unwatched,
+};
 use elo_core::seed::Seed;
 use elo_core::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
 };
 use elo_core::spec::{Capabilities, RewardTerm, SimulatorSpec, Weight};
-use elo_core::task::Task;
+use elo_core::task::{Task, TaskDistribution};
 use elo_learners::behavior_cloning::BehaviorCloningConfig;
+use elo_learners::interest::InterestConfig;
 use elo_learners::ppo::PpoConfig;
 use serde::{Deserialize, Serialize};
 
 const OBSERVATION: usize = 26;
 const ACTION: usize = 6;
+
+/// Steps of an iteration, and into how many rollouts practice divides them.
+const ITERATION: usize = 2048;
+const ROLLOUTS: u64 = 16;
 
 /// As many numbers as a robot with six motors, each drawn to its action.
 #[derive(Debug, Serialize, Deserialize)]
@@ -98,6 +105,26 @@ fn training(epochs: usize) -> f64 {
     }) / config.simulator_steps() as f64
 }
 
+/// The same for sets of five closed-loop options.
+fn practice(epochs: usize) -> f64 {
+    let config =
+        InterestConfig { iterations: 10, rollouts: ROLLOUTS, epochs, ..InterestConfig::default() };
+    let (tasks, initial_states) =
+        (TaskDistribution::default(), InitialStates { max_random_steps: 0, ..InitialStates::default() });
+    let practice = Practice {
+        simulator: &Drift {},
+        tasks: &tasks,
+        initial_states: &initial_states,
+        set_size: 5,
+        steps: ITERATION / ROLLOUTS as usize,
+        demonstrations: &[],
+        seed: Seed::root(1),
+    };
+    fastest(5, || {
+        config.practise(&practice, &mut Unwatched).expect("nothing here can diverge");
+    }) / config.simulator_steps(practice.steps) as f64
+}
+
 /// The fastest of five fits of 200 steps, in µs.
 fn cloning() -> f64 {
     let steps = 200;
@@ -121,10 +148,12 @@ fn fastest(times: usize, mut run: impl FnMut()) -> f64 {
 }
 
 fn main() {
-    let (one, ten) = (training(1), training(10));
-    let epoch = (ten - one) / 9.0;
-    println!("PPO, {OBSERVATION} → 64 → 64 → {ACTION}, 2048 steps, minibatch 64, 10 epochs:");
-    println!("  acting and advantages {:8.2} µs a step", one - epoch);
-    println!("  improving             {:8.2} µs a step", 10.0 * epoch);
+    println!("{OBSERVATION} → 64 → 64 → {ACTION}, {ITERATION} steps, minibatch 64, 10 epochs:");
+    for (learner, cost) in [("PPO", training as fn(usize) -> f64), ("interest, K = 5", practice)] {
+        let (one, ten) = (cost(1), cost(10));
+        let epoch = (ten - one) / 9.0;
+        println!("  {learner:<16} acting and advantages {:8.2} µs a step", one - epoch);
+        println!("  {learner:<16} improving             {:8.2} µs a step", 10.0 * epoch);
+    }
     println!("behaviour cloning of 200 steps, default: {:.1} ms", cloning() / 1000.0);
 }

@@ -91,26 +91,24 @@ impl Imitate for BehaviorCloningConfig {
         if let Some(fault) = faults.found().first() {
             return Err(fault.to_string());
         }
-        let normalizer = normalizer_of(demonstration, spec.observation_size);
-        let (network, error) = self.fit(demonstration, &normalizer, seed)?;
-        if !(error.is_finite() && network.params().iter().all(|p| p.is_finite())) {
-            return Err(format!(
-                "fitting the demonstration did not converge (error {error}): lower learning_rate"
-            ));
-        }
+        let normalizer = normalizer_of(std::slice::from_ref(demonstration), spec.observation_size);
+        let network = self.fit(demonstration, &normalizer, seed)?;
         let network = NormalizedMlp::new(normalizer, network);
         Ok(Box::new(MlpPolicy::new(network, demonstration.steps)))
     }
 }
 
 impl BehaviorCloningConfig {
-    /// Returns the network and its mean error over the last epoch.
-    fn fit(
+    /// A network that answers the normalised observations of a demonstration as it did.
+    ///
+    /// # Errors
+    /// Numbers that stopped being finite.
+    pub(crate) fn fit(
         &self,
         demonstration: &Demonstration,
         normalizer: &Normalizer,
         seed: &Seed,
-    ) -> Result<(Mlp, f32), String> {
+    ) -> Result<Mlp, String> {
         let Demonstration { observations, actions, steps } = demonstration;
         let (inputs, outputs) = (observations.len() / steps, actions.len() / steps);
         let sizes: Vec<usize> =
@@ -150,13 +148,19 @@ impl BehaviorCloningConfig {
                 optimiser.step(network.params_mut(), &gradient, rate);
             }
         }
-        Ok((network, error))
+        if !(error.is_finite() && network.params().iter().all(|p| p.is_finite())) {
+            return Err(format!(
+                "fitting the demonstration did not converge (error {error}): lower learning_rate"
+            ));
+        }
+        Ok(network)
     }
 }
 
-fn normalizer_of(demonstration: &Demonstration, inputs: usize) -> Normalizer {
+/// The scale of what was seen in all of `demonstrations`, as one.
+pub(crate) fn normalizer_of(demonstrations: &[Demonstration], inputs: usize) -> Normalizer {
     let mut moments = RunningMoments::new(inputs);
-    moments.update(&demonstration.observations);
+    demonstrations.iter().for_each(|demonstration| moments.update(&demonstration.observations));
     let scale = |variance: f64| {
         let deviation = variance.sqrt();
         if deviation < LEAST_DEVIATION { 1.0 } else { (1.0 / deviation) as f32 }

@@ -43,10 +43,22 @@ fn every_teacher_conforms() {
 fn every_option_learner_conforms_with_all_that_it_learns() {
     for plugin in PLUGINS.iter().filter(|plugin| plugin.role == Role::OptionLearner) {
         let learner: Box<dyn OptionLearner> = serde_json::from_value(quick(plugin)).unwrap();
-        let formats = PLUGINS.iter().filter_map(|plugin| plugin.format).collect();
-        let case = option_learner::Case::new(learner, Box::new(PointMassConfig::default()), formats);
-        option_learner::run(&case).require_clean().unwrap_or_else(|report| panic!("{report}"));
+        conforms(learner);
     }
+}
+
+fn conforms(learner: Box<dyn OptionLearner>) {
+    let formats = PLUGINS.iter().filter_map(|plugin| plugin.format).collect();
+    let case = option_learner::Case::new(learner, Box::new(PointMassConfig::default()), formats);
+    option_learner::run(&case).require_clean().unwrap_or_else(|report| panic!("{report}"));
+}
+
+#[test]
+fn sets_that_begin_from_recordings_conform_too() {
+    let plugin = PLUGINS.iter().find(|plugin| plugin.kind == "interest").unwrap();
+    let mut config = quick(plugin);
+    config["imitation_start"] = true.into();
+    conforms(serde_json::from_value(config).unwrap());
 }
 
 #[test]

@@ -179,6 +179,33 @@ fn commands_on_a_finished_run_take_the_set_as_one_agent() {
 }
 
 #[test]
+fn sets_that_begin_from_recordings_have_teachers_and_recordings_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = toy_with(&[
+        ("[option_learner]\nkind = \"open_loop\"\n", LEARNER),
+        ("checkpoint_every = 2\n", "checkpoint_every = 2\nimitation_start = true\ninitial_log_std = -1.0\n"),
+        ("steps = 16_384", "steps = 2048"),
+        ("candidates = 24\n", "candidates = 3\n"),
+        ("set_size = 3\n", "set_size = 2\n"),
+    ]);
+    let (config, out) = (write(folder.path(), "sets.toml", &text), folder.path().join("run"));
+    let ran = run(&mut discover(elo(), &config, &out)).expect_success();
+    for stage in ["teachers: 2 units", "recordings: 3 units", "option sets: 3 units"] {
+        assert!(ran.stderr.contains(&format!("elo: {stage}")), "{stage}: {ran}");
+    }
+    let report: Report = json(&out.join("results/report.json"));
+    assert_eq!((report.teachers.len(), report.candidates.usable), (2, 3));
+    assert!(report.baselines.iter().any(|row| row.name == "teachers"));
+    assert!(!report.baselines.iter().any(|row| row.name == "random K-subsets"));
+
+    let ran = run(elo_with(&["discover", "--plan"]).arg(&config)).expect_success();
+    // Six recordings of 20 steps after 5 random ones on average.
+    let line =
+        ran.stdout.lines().find(|line| line.starts_with("recordings")).unwrap_or_else(|| panic!("{ran}"));
+    assert!(line.contains(" 150 simulator steps at most"), "{ran}");
+}
+
+#[test]
 fn a_run_says_what_its_way_of_learning_needs() {
     let folder = tempfile::tempdir().unwrap();
     let said = |text: &str, overrides: &[&str]| {

@@ -1,5 +1,6 @@
 //! The gradients of a minibatch, part by part.
 
+use super::config::InterestConfig;
 use super::drawing;
 use super::learner::{Learner, Net, Policy};
 use super::practice::Experience;
@@ -11,8 +12,7 @@ use crate::nn::GaussianBatch;
 /// Some steps of an iteration.
 #[derive(Clone, Copy)]
 pub(super) struct Batch<'a> {
-    /// How far probabilities may move.
-    pub clip: f64,
+    pub config: &'a InterestConfig,
     pub experience: &'a Experience,
     pub signals: &'a Signals,
     /// Which steps.
@@ -20,22 +20,26 @@ pub(super) struct Batch<'a> {
 }
 
 impl Batch<'_> {
-    /// Leaves every network with the gradient of its loss.
-    pub fn differentiate(&self, learner: &mut Learner) {
+    /// Leaves every network with the gradient of its loss. Returns how far decisions have moved from those that were taken, as
+    /// the estimated Kullback–Leibler divergence a step, in nats.
+    pub fn differentiate(&self, learner: &mut Learner) -> f32 {
+        let mut moved = 0.0;
         for option in 0..learner.options() {
-            self.differentiate_policy(&mut learner.policies[option], option);
+            moved += self.differentiate_policy(&mut learner.policies[option], option);
         }
-        self.differentiate_interests(&mut learner.interests);
+        moved += self.differentiate_interests(&mut learner.interests);
         self.differentiate_critic(&mut learner.critic);
+        moved
     }
 
     /// `E[∇ log π_o(a|s) · A_action]`, clipped, over this option's steps.
-    fn differentiate_policy(&self, policy: &mut Policy, option: usize) {
+    fn differentiate_policy(&self, policy: &mut Policy, option: usize) -> f32 {
         let Self { experience, signals, .. } = self;
         let rows = self.select(|row| experience.options[row] == option);
         policy.log_std_gradient.fill(0.0);
         if rows.is_empty() {
-            return policy.means.no_gradient();
+            policy.means.no_gradient();
+            return 0.0;
         }
         let means =
             policy.means.forward(&gather(&experience.observations, experience.steps.len(), &rows)).to_vec();
@@ -43,35 +47,47 @@ impl Batch<'_> {
         let head = GaussianBatch { means: &means, log_std: &policy.log_std, actions: &actions };
         let mut log_probs = vec![0.0; rows.len()];
         head.log_probs(&mut log_probs);
-        let d_log_probs = self.surrogate(&rows, &log_probs, &experience.log_probs, &signals.actions);
+        let (d_log_probs, moved) = self.surrogate(&rows, &log_probs, &experience.log_probs, &signals.actions);
         let mut d_means = vec![0.0; means.len()];
         head.backward(&d_log_probs, &mut d_means, &mut policy.log_std_gradient);
         policy.means.backward(&d_means);
+        moved
     }
 
-    /// `E[∇ log π_I(o|s) · A_draw]`, clipped, over the steps where an option was drawn.
-    fn differentiate_interests(&self, interests: &mut [Net]) {
+    /// `E[∇ log π_I(o|s) · A_draw]`, clipped, and the gradient of the diversity, over the steps where an option was drawn.
+    fn differentiate_interests(&self, interests: &mut [Net]) -> f32 {
         let Self { experience, signals, .. } = self;
         let rows = self.select(|row| experience.steps[row].drawn);
         if rows.is_empty() {
-            return interests.iter_mut().for_each(Net::no_gradient);
+            interests.iter_mut().for_each(Net::no_gradient);
+            return 0.0;
         }
         let inputs = gather(&experience.observations, experience.steps.len(), &rows);
         let columns: Vec<Vec<f32>> = interests.iter_mut().map(|net| net.forward(&inputs).to_vec()).collect();
-        let mut d_interests = vec![vec![0.0; rows.len()]; columns.len()];
-        let mut log_probs = vec![0.0; rows.len()];
-        let mut d_row = vec![0.0; columns.len()];
-        for (i, &row) in rows.iter().enumerate() {
-            let log_interests: Vec<f64> = columns.iter().map(|column| f64::from(column[i])).collect();
-            log_probs[i] =
-                drawing::log_probability(&log_interests, experience.options[row], &mut d_row) as f32;
-            d_interests.iter_mut().zip(&d_row).for_each(|(column, d)| column[i] = *d as f32);
+        let options = columns.len();
+        let log_interests: Vec<f64> =
+            (0..rows.len()).flat_map(|i| columns.iter().map(move |column| f64::from(column[i]))).collect();
+        let mut d_log_probs_by_interests = vec![0.0; log_interests.len()];
+        let states =
+            log_interests.chunks_exact(options).zip(d_log_probs_by_interests.chunks_exact_mut(options));
+        let log_probs: Vec<f32> = rows
+            .iter()
+            .zip(states)
+            .map(|(&row, (z, d_z))| drawing::log_probability(z, experience.options[row], d_z) as f32)
+            .collect();
+        let (d_log_probs, moved) =
+            self.surrogate(&rows, &log_probs, &experience.draw_log_probs, &signals.draws);
+        let mut d_diversity = vec![0.0; log_interests.len()];
+        drawing::diversity(&log_interests, options, &mut d_diversity);
+        let weight = self.config.diversity_weight * self.share(&rows);
+        for (option, net) in interests.iter_mut().enumerate() {
+            let places = (0..rows.len()).map(|i| i * options + option);
+            let d_outputs = places.zip(&d_log_probs).map(|(place, by)| {
+                (f64::from(*by) * d_log_probs_by_interests[place] - weight * d_diversity[place]) as f32
+            });
+            net.backward(&d_outputs.collect::<Vec<f32>>());
         }
-        let d_log_probs = self.surrogate(&rows, &log_probs, &experience.draw_log_probs, &signals.draws);
-        for (net, mut d_output) in interests.iter_mut().zip(d_interests) {
-            d_output.iter_mut().zip(&d_log_probs).for_each(|(d, by)| *d *= by);
-            net.backward(&d_output);
-        }
+        moved
     }
 
     /// Half the squared error of `Q(s_t, o_t|τ)`.
@@ -95,9 +111,20 @@ impl Batch<'_> {
         self.rows.iter().copied().filter(|&row| wanted(row)).collect()
     }
 
-    /// Derivatives of the clipped surrogate by the log-probabilities of some decisions, as a mean over all steps of the
-    /// batch.
-    fn surrogate(&self, rows: &[usize], log_probs: &[f32], old: &[f32], advantages: &[f32]) -> Vec<f32> {
+    /// How many of the batch's steps `rows` are.
+    fn share(&self, rows: &[usize]) -> f64 {
+        rows.len() as f64 / self.rows.len() as f64
+    }
+
+    /// Derivatives of the clipped surrogate by the log-probabilities of some decisions, and how far they have moved, both as
+    /// a mean over all steps of the batch.
+    fn surrogate(
+        &self,
+        rows: &[usize],
+        log_probs: &[f32],
+        old: &[f32],
+        advantages: &[f32],
+    ) -> (Vec<f32>, f32) {
         let count = self.experience.steps.len();
         let decisions = SurrogateBatch {
             log_probs,
@@ -105,10 +132,10 @@ impl Batch<'_> {
             advantages: &gather(advantages, count, rows),
         };
         let mut d_log_probs = vec![0.0; rows.len()];
-        clipped_surrogate(&decisions, self.clip as f32, &mut d_log_probs);
-        let share = rows.len() as f32 / self.rows.len() as f32;
+        let surrogate = clipped_surrogate(&decisions, self.config.clip as f32, &mut d_log_probs);
+        let share = self.share(rows) as f32;
         d_log_probs.iter_mut().for_each(|d| *d *= share);
-        d_log_probs
+        (d_log_probs, share * surrogate.approx_kl)
     }
 }
 

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::duration::Band;
+use super::risk::Risk;
 use super::train::{Learned, Point, train};
 use crate::kernels::gae::Discount;
 
@@ -18,6 +19,9 @@ use crate::kernels::gae::Discount;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterestConfig {
+    /// Whether the policies of the options begin as clones of recordings of teachers, one an option: then teachers are trained
+    /// and recorded first. Clones act around what the teacher did with the noise of `initial_log_std`, which should be small.
+    pub imitation_start: bool,
     /// How often options may continue on average without a cost: `[ρ_min, ρ_max]`.
     pub continuations: Band,
     /// `λ` of Eq. 6.1, per squared continuation; returns are in units of the deviation that discounted returns have.
@@ -42,6 +46,16 @@ pub struct InterestConfig {
     /// How far the probability of a decision may move in one iteration before there is no reward for moving it further.
     /// Between 0 and 1, both excluded.
     pub clip: f64,
+    /// No further pass begins in an iteration once decisions have moved by this Kullback–Leibler divergence a step, in nats.
+    /// Must be positive; the default allows all `epochs` always.
+    pub target_kl: f64,
+    /// What is maximised of returns: "mean", or `{ negative_tail = { k = 1.0, alpha = 1.0 } }` for `ψ_-` (Eq. 4.6), the mean less
+    /// the price `k` of a rollout whose return is more than `alpha` deviations below the mean.
+    pub risk: Risk,
+    /// Weight of the options' diversity, the entropy in nats of how often each is drawn on the whole, beside advantages of
+    /// deviation 1. It keeps one option from being preferred everywhere.
+    #[schemars(range(min = 0.0))]
+    pub diversity_weight: f64,
     /// `γ` and `λ` of the advantages.
     pub discount: Discounts,
     /// Whether step `t` of a rollout counts `γ^t`, as in the gradient of `J` to the letter. Otherwise all steps count alike,
@@ -92,6 +106,7 @@ pub struct Discounts {
 impl Default for InterestConfig {
     fn default() -> Self {
         Self {
+            imitation_start: false,
             continuations: Band { low: 5.0, high: 50.0 },
             duration_weight: 0.1,
             initial_continuations: 10.0,
@@ -101,6 +116,9 @@ impl Default for InterestConfig {
             minibatch: 64,
             learning_rates: LearningRates::default(),
             clip: 0.2,
+            target_kl: 1000.0,
+            risk: Risk::Mean,
+            diversity_weight: 0.0,
             discount: Discounts::default(),
             discounted_visits: false,
             max_grad_norm: 0.5,
@@ -146,15 +164,25 @@ impl OptionLearner for InterestConfig {
         faults.check(low > 0.0 && low <= high && high.is_finite(), "continuations", || {
             format!("expected 0 < low <= high, got low = {low} and high = {high}")
         });
-        let positive =
-            [("initial_continuations", self.initial_continuations), ("max_grad_norm", self.max_grad_norm)];
+        let positive = [
+            ("initial_continuations", self.initial_continuations),
+            ("max_grad_norm", self.max_grad_norm),
+            ("target_kl", self.target_kl),
+        ];
         for (field, value) in positive {
             faults.check(value > 0.0 && value.is_finite(), field, || {
                 format!("expected a positive number, got {value}")
             });
         }
         let LearningRates { policies, interests, termination, critic } = self.learning_rates;
+        let (k, alpha) = match self.risk {
+            Risk::Mean => (0.0, 0.0),
+            Risk::NegativeTail { k, alpha } => (k, alpha),
+        };
         let not_negative = [
+            ("risk.negative_tail.k", k),
+            ("risk.negative_tail.alpha", alpha),
+            ("diversity_weight", self.diversity_weight),
             ("duration_weight", self.duration_weight),
             ("learning_rates.policies", policies),
             ("learning_rates.interests", interests),
@@ -188,6 +216,10 @@ impl OptionLearner for InterestConfig {
 impl Practise for InterestConfig {
     fn simulator_steps(&self, steps: usize) -> u64 {
         self.iterations * self.rollouts * steps as u64
+    }
+
+    fn begins_from_recordings(&self) -> bool {
+        self.imitation_start
     }
 
     fn practise(&self, practice: &Practice<'_>, monitor: &mut dyn Monitor) -> Result<Practised, TrainError> {

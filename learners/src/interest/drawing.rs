@@ -31,6 +31,33 @@ pub fn log_probability(log_interests: &[f64], option: usize, d_log_interests: &m
     log_interests[option] - greatest - total.ln()
 }
 
+/// `H(p̄) = −Σ_o p̄_o log p̄_o`, the entropy in nats of how often each option is drawn in the mean over some states,
+/// `p̄ = Σ_s π_I(·|s) / n`. It is greatest when all options are drawn alike *on the whole*, also when each state has its own:
+/// an entropy state by state would ask for the opposite of that.
+///
+/// Writes the derivatives by the log-interests of each state, `−π_j(s) (log p̄_j − Σ_o π_o(s) log p̄_o) / n`. Both tables have
+/// one row of `options` numbers a state.
+///
+/// # Panics
+/// When lengths differ or are no multiple of `options`.
+pub fn diversity(log_interests: &[f64], options: usize, d_log_interests: &mut [f64]) -> f64 {
+    assert_eq!(d_log_interests.len(), log_interests.len(), "derivatives by log-interests");
+    assert!(log_interests.len().is_multiple_of(options), "log-interests of options");
+    let states = (log_interests.len() / options) as f64;
+    let mut means = vec![0.0; options];
+    for (z, p) in log_interests.chunks_exact(options).zip(d_log_interests.chunks_exact_mut(options)) {
+        probabilities(z, p);
+        means.iter_mut().zip(p).for_each(|(mean, p)| *mean += *p / states);
+    }
+    // An option that is drawn nowhere would have the logarithm −∞.
+    let logarithms: Vec<f64> = means.iter().map(|mean| mean.max(f64::MIN_POSITIVE).ln()).collect();
+    for p in d_log_interests.chunks_exact_mut(options) {
+        let expected = state_value(p, &logarithms);
+        p.iter_mut().zip(&logarithms).for_each(|(p, log)| *p *= (expected - log) / states);
+    }
+    -state_value(&means, &logarithms)
+}
+
 /// The option that a uniform number in [0, 1) picks.
 pub fn pick(probabilities: &[f64], uniform: f64) -> usize {
     let mut left = uniform;
@@ -100,6 +127,31 @@ mod tests {
             for (got, expected) in derivatives.iter().zip(exact) {
                 assert!((got - expected).abs() < 1e-9, "{got} against {expected}");
             }
+        }
+    }
+
+    #[test]
+    fn diversity_is_of_the_mean_over_states() {
+        let sure = 1000.0;
+        // Two states, each with an option of its own: ln 2. One option everywhere: 0. Uniform everywhere: ln 2.
+        for (log_interests, expected) in
+            [([sure, 0.0, 0.0, sure], 2.0_f64.ln()), ([sure, 0.0, sure, 0.0], 0.0), ([0.0; 4], 2.0_f64.ln())]
+        {
+            let mut derivatives = [0.0; 4];
+            let got = diversity(&log_interests, 2, &mut derivatives);
+            assert!((got - expected).abs() < 1e-12, "{got} of {log_interests:?}");
+            assert!(derivatives.iter().all(|d| d.abs() < 1e-12), "{derivatives:?} is no extremum");
+        }
+    }
+
+    #[test]
+    fn the_gradient_of_diversity_agrees_with_finite_differences() {
+        let point = [0.3, -1.2, 0.8, 2.0, 0.1, -0.4];
+        let mut derivatives = [0.0; 6];
+        diversity(&point, 3, &mut derivatives);
+        let exact = reference::differences(&point, &[0, 1, 2, 3, 4, 5], |z| diversity(z, 3, &mut [0.0; 6]));
+        for (got, expected) in derivatives.iter().zip(exact) {
+            assert!((got - expected).abs() < 1e-9, "{got} against {expected}");
         }
     }
 

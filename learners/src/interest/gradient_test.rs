@@ -90,7 +90,8 @@ fn estimate(training: &mut Training<'_>, iteration: u64) -> Vec<f64> {
     let weights = training.weights(&experience);
     let signals = Signals::new(&experience, &weights);
     let rows: Vec<usize> = (0..experience.steps.len()).collect();
-    let batch = Batch { clip: 0.2, experience: &experience, signals: &signals, rows: &rows };
+    let config = config();
+    let batch = Batch { config: &config, experience: &experience, signals: &signals, rows: &rows };
     batch.differentiate(&mut training.learner);
 
     // Losses are means over steps, of advantages with deviation 1; `J` is a sum over the steps of a rollout.
@@ -100,7 +101,7 @@ fn estimate(training: &mut Training<'_>, iteration: u64) -> Vec<f64> {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
     };
-    let visits = experience.discounts.iter().sum::<f64>() / config().rollouts as f64;
+    let visits = experience.discounts.iter().sum::<f64>() / config.rollouts as f64;
     let of_actions = -visits * deviation(&|a| a.action, &|_| true);
     let of_draws = -visits * deviation(&|a| a.draw, &|row| experience.steps[row].drawn);
     let learner = &training.learner;

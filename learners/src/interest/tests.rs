@@ -4,7 +4,7 @@
 
 use elo_core::agent::{Agent as _, InfantAgent};
 use elo_core::context::InitialStates;
-use elo_core::policy::{OptionPolicy, PolicyRecord, Unwatched};
+use elo_core::policy::{Demonstration, OptionPolicy, PolicyRecord, Practice, Unwatched};
 use elo_core::seed::{Seed, Stream};
 use elo_core::simulator::{SimulatorConfig as _, Start};
 use elo_core::task::{Range, Task, TaskDistribution};
@@ -13,6 +13,7 @@ use super::config::{Discounts, InterestConfig, LearningRates};
 use super::duration::Band;
 use super::learner::Learner;
 use super::policy::InterestPolicy;
+use super::risk::Risk;
 use super::train::{Learned, Training, train};
 use super::worlds::{World, practice};
 
@@ -211,6 +212,105 @@ fn interests_that_are_not_learned_are_those_of_the_uniform_agent() {
     let rates = LearningRates { interests: 0.03, ..rates };
     let learned = trained(&InterestConfig { learning_rates: rates, ..config }, World::Hot, 1, |_| {});
     assert_ne!(played(&learned, World::Hot, 1000), played_anywhere(&learned));
+}
+
+#[test]
+fn a_price_on_poor_returns_turns_from_the_gamble() {
+    let config = InterestConfig {
+        rollouts: 64,
+        iterations: 60,
+        learning_rates: LearningRates { termination: 0.0, ..tables().learning_rates },
+        initial_continuations: 9.0,
+        discount: Discounts { gamma: 1.0, gae_lambda: 1.0 },
+        ..tables()
+    };
+    let (tasks, initial_states) = (pays(), at_once());
+    let share_of_the_gamble = |risk: Risk, seed: u64| {
+        let config = InterestConfig { risk, ..config.clone() };
+        let practice = practice(&World::Gamble, &tasks, &initial_states, 10, seed);
+        let mut training = Training::new(&config, &practice).unwrap();
+        reflexes(&mut training.learner);
+        for _ in 0..config.iterations {
+            training.iterate().unwrap();
+        }
+        let [ratio, _] = interest_ratios(&training.finish());
+        ratio / (1.0 + ratio)
+    };
+    for seed in [1, 2, 3] {
+        let (mean, averse) = (
+            share_of_the_gamble(Risk::Mean, seed),
+            share_of_the_gamble(Risk::NegativeTail { k: 5.0, alpha: 1.0 }, seed),
+        );
+        assert!(mean > 0.6 && averse < 0.4, "seed {seed}: {mean} for the mean, {averse} with the price");
+    }
+}
+
+#[test]
+fn passes_end_once_decisions_have_moved() {
+    let learn = |epochs: usize, target_kl: f64| {
+        let config = InterestConfig { epochs, target_kl, iterations: 3, hidden: vec![8], ..tables() };
+        trained(&config, World::Hot, 1, |_| {})
+    };
+    assert_eq!(learn(4, 1e-9), learn(1, 1000.0));
+    assert_ne!(learn(4, 1000.0), learn(1, 1000.0));
+}
+
+#[test]
+fn diversity_keeps_all_options_in_use() {
+    let least_share = |diversity_weight: f64, seed: u64| {
+        let config = InterestConfig {
+            learning_rates: LearningRates { policies: 0.03, ..tables().learning_rates },
+            initial_log_std: -0.5,
+            diversity_weight,
+            ..tables()
+        };
+        let learned = trained(&config, World::Hot, seed, |_| {});
+        let (reward, _) = played(&learned, World::Hot, 20_000);
+        assert!(reward >= 0.95, "seed {seed}: {reward}");
+        let shares = interest_ratios(&learned).map(|ratio| f64::from(ratio / (1.0 + ratio)));
+        // Elsewhere and touching, as often as the best policy is there.
+        let first = (shares[0] + 0.3 * shares[1]) / 1.3;
+        first.min(1.0 - first)
+    };
+    let seeds = [1, 2, 3];
+    let (with, without) =
+        (seeds.map(|seed| least_share(0.3, seed)), seeds.map(|seed| least_share(0.0, seed)));
+    assert!(with.iter().all(|share| *share > 0.2), "{with:?}");
+    assert!(without.iter().any(|share| *share < 0.1), "{without:?}");
+}
+
+#[test]
+fn options_begin_as_clones_of_recordings() {
+    let recording = Demonstration {
+        observations: [[1.0, 0.0], [0.0, 1.0]].repeat(20).concat(),
+        actions: [[0.8], [-0.6]].repeat(20).concat(),
+        steps: 40,
+    };
+    let config = InterestConfig {
+        imitation_start: true,
+        iterations: 1,
+        learning_rates: LearningRates { policies: 0.0, interests: 0.0, termination: 0.0, critic: 0.0 },
+        ..tables()
+    };
+    let (tasks, initial_states, recordings) = (pays(), at_once(), [recording]);
+    let practice = practice(&World::Hot, &tasks, &initial_states, STEPS, 1);
+    let practice = Practice { demonstrations: &recordings, ..practice };
+    let answers = |config: &InterestConfig| {
+        let learned = train(config, &practice, &mut Unwatched).unwrap();
+        [[1.0, 0.0], [0.0, 1.0]].map(|seen| {
+            [0, 1].map(|option| {
+                let mut mean = [0.0];
+                learned.options[option].means.evaluate(&seen, &mut mean);
+                mean[0]
+            })
+        })
+    };
+    // The second option has no recording.
+    let [[forward, other], [back, another]] = answers(&config);
+    assert!((forward - 0.8).abs() < 0.1 && (back + 0.6).abs() < 0.1, "{forward} {back}");
+    assert!(other.abs() < 0.1 && another.abs() < 0.1, "{other} {another}");
+    let [[forward, _], [back, _]] = answers(&InterestConfig { imitation_start: false, ..config.clone() });
+    assert!(forward.abs() < 0.1 && back.abs() < 0.1, "{forward} {back}");
 }
 
 #[test]

@@ -13,11 +13,13 @@ use super::advantages::{Advantages, advantages, value_target};
 use super::batch::Batch;
 use super::config::InterestConfig;
 use super::duration::{Termination, clipped_end};
+use super::imitation;
 use super::learner::{Learner, Net, Policy};
 use super::policy::InterestPolicy;
 use super::practice::{Episode, Experience, Infant};
+use super::risk::{self, Risk};
 use crate::kernels::gae::normalize;
-use crate::kernels::running_moments::{ReturnScaler, RunningMoments};
+use crate::kernels::running_moments::{Normalizer, ReturnScaler, RunningMoments};
 use crate::nn::Scratch;
 use crate::normalized_mlp::NormalizedMlp;
 use crate::ppo::environment::Tally;
@@ -57,8 +59,9 @@ pub fn train(
     monitor: &mut dyn Monitor,
 ) -> Result<Learned, TrainError> {
     let mut training = Training::new(config, practice)?;
-    if let Some(bytes) = monitor.resume() {
-        training.restore(&bytes)?;
+    match monitor.resume() {
+        Some(bytes) => training.restore(&bytes)?,
+        None => training.imitate()?,
     }
     while training.record.iteration < config.iterations {
         training.iterate()?;
@@ -80,6 +83,8 @@ pub(super) struct Training<'a> {
     practice: &'a Practice<'a>,
     simulator: Box<dyn Simulator>,
     spec: SimulatorSpec,
+    /// The scale of observations, where practice begins from recordings.
+    scale: Option<Normalizer>,
     /// What is being trained.
     pub learner: Learner,
     /// How far it is, and what was seen.
@@ -113,6 +118,7 @@ impl<'a> Training<'a> {
         let simulator = practice.simulator.build()?;
         let spec = simulator.spec().clone();
         Ok(Self {
+            scale: imitation::scale(config, practice, &spec)?,
             learner: Learner::new(config, practice, &spec),
             record: Record {
                 iteration: 0,
@@ -126,6 +132,17 @@ impl<'a> Training<'a> {
             simulator,
             spec,
         })
+    }
+
+    /// Lets the options begin from recordings, if they are to.
+    fn imitate(&mut self) -> Result<(), TrainError> {
+        let Self { learner, practice, scale, .. } = self;
+        scale.as_ref().map_or(Ok(()), |scale| imitation::imitate(learner, practice, scale))
+    }
+
+    /// How observations are scaled in this iteration.
+    fn normalizer(&self) -> Normalizer {
+        self.scale.clone().unwrap_or_else(|| self.record.moments.normalizer())
     }
 
     /// One improvement, `θ_k → θ_{k+1}`.
@@ -144,7 +161,7 @@ impl<'a> Training<'a> {
     pub fn collect(&mut self) -> Result<Experience, TrainError> {
         let iteration = self.record.iteration;
         let mut experience = Experience::default();
-        let normalizer = self.record.moments.normalizer();
+        let normalizer = self.normalizer();
         for rollout in 0..self.config.rollouts {
             let seed = self.practice.seed.child("rollouts").index(iteration).index(rollout);
             let task = self.practice.tasks.draw(&mut seed.child("task").stream());
@@ -202,7 +219,7 @@ impl<'a> Training<'a> {
         self.practice.tasks.names().map(feature).collect()
     }
 
-    /// Divides rewards by the deviation of the discounted returns seen so far.
+    /// Divides rewards by the deviation of the discounted returns seen so far, then takes the price of risk from them.
     fn scale_rewards(&mut self, experience: &mut Experience) {
         for step in &experience.steps {
             self.record.scaler.scale(0, step.reward);
@@ -211,7 +228,14 @@ impl<'a> Training<'a> {
             }
         }
         let factor = self.record.scaler.factor();
+        let poor = match self.config.risk {
+            Risk::Mean => None,
+            Risk::NegativeTail { k, alpha } => Some((risk::poor(&experience.steps, alpha), k)),
+        };
         experience.steps.iter_mut().for_each(|step| step.reward *= factor);
+        if let Some((poor, price)) = poor {
+            risk::charge(&mut experience.steps, &poor, price);
+        }
     }
 
     /// Of the three kinds of decisions, by the critic that saw the steps.
@@ -237,9 +261,10 @@ impl<'a> Training<'a> {
         let mut shuffler = self.practice.seed.child("shuffle").index(iteration).stream();
         for _ in 0..config.epochs {
             order.shuffle(&mut shuffler);
+            let mut moved = Vec::with_capacity(batches);
             for rows in order.chunks(count.div_ceil(batches)) {
-                let batch = Batch { clip: config.clip, experience, signals: &signals, rows };
-                batch.differentiate(&mut self.learner);
+                let batch = Batch { config, experience, signals: &signals, rows };
+                moved.push(batch.differentiate(&mut self.learner));
                 self.learner.descend(rates, config.max_grad_norm)?;
             }
             let gradient = self.termination_gradient(before, worth);
@@ -247,6 +272,11 @@ impl<'a> Training<'a> {
                 return Err(format!("the gradient of the termination probability is {gradient}"));
             }
             self.learner.ascend_termination(gradient, rates.termination);
+            // The median: single decisions that have become likely beyond measure make a mean useless.
+            moved.sort_by(f32::total_cmp);
+            if f64::from(moved[moved.len() / 2]) >= config.target_kl {
+                break;
+            }
         }
         self.learner.divergence().map_or(Ok(()), Err)
     }
@@ -289,7 +319,7 @@ impl<'a> Training<'a> {
 
     /// What came of it.
     pub fn finish(self) -> Learned {
-        let normalizer = self.record.moments.normalizer();
+        let normalizer = self.normalizer();
         let Learner { policies, interests, termination, .. } = self.learner;
         let network = |network| NormalizedMlp::new(normalizer.clone(), network);
         let option = |(policy, interest): (Policy, Net)| InterestPolicy {
