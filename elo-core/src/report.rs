@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use crate::crew::RunError;
-use crate::discover::{Candidate, ContextSet, Discovery, Origin, Run, duplicate};
+use crate::discover::{Candidate, ContextSet, Discovery, Origin, Run, Teacher, duplicate};
 use crate::experiment::TeacherActs;
 use crate::figures::{Comparison, Row, Sample, Yardstick};
 use crate::metric::Reference;
@@ -261,6 +261,16 @@ impl Run<'_> {
     }
 }
 
+/// What to know of teachers that could not be trained.
+fn given_up_teachers(teachers: &[Teacher]) -> Vec<String> {
+    let warning = |(m, teacher): (usize, &Teacher)| {
+        let why = teacher.diverged.join("; ");
+        (!teacher.usable)
+            .then(|| format!("teacher {m} was given up, and nothing of its task was recorded: {why}"))
+    };
+    teachers.iter().enumerate().filter_map(warning).collect()
+}
+
 /// How rollouts are looked at.
 struct View<'a> {
     run: &'a Run<'a>,
@@ -344,7 +354,7 @@ impl View<'_> {
             reference: selection.reference,
             sets,
             baselines,
-            warnings: selection.warnings.clone(),
+            warnings: [given_up_teachers(teachers), selection.warnings.clone()].concat(),
         }
     }
 }

@@ -86,6 +86,9 @@ pub fn run(arguments: &Reproduce, plugins: &[&[Plugin]]) -> Result<(), Exit> {
             seeds.push(with_crew(&run, &experiment, staff, |crew| {
                 let run = Run::new(&experiment, crew)?;
                 let (discovery, held_out) = discover::run_in(&run)?;
+                for warning in &held_out.report.warnings {
+                    print_error(&format!("{robot}, seed {seed}: {warning}"));
+                }
                 experiments::run_in(&run, &discovery, &held_out)
             })?);
         }

@@ -278,6 +278,9 @@ fn teachers_that_diverge_are_reported_and_dropped_or_end_the_run() {
     assert!(discovery.candidates.iter().all(light));
     let reason = &report.teachers[heavy.iter().position(|h| *h).unwrap()].diverged[0];
     assert!(reason.contains("not finite"), "{reason}");
+    let given_up =
+        |m: usize| report.warnings.iter().any(|w| w.starts_with(&format!("teacher {m} was given up")));
+    assert_eq!((0..heavy.len()).map(given_up).collect::<Vec<_>>(), heavy, "{:?}", report.warnings);
 
     let message = run_here(&some("6"), &out, "elo test").err().unwrap().to_string();
     assert!(message.contains("`discover.min_teachers` asks for 6"), "{message}");
