@@ -8,7 +8,7 @@ mod files;
 mod plan;
 pub mod tails;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
@@ -174,10 +174,9 @@ pub(crate) struct Measured {
     rows: Vec<Vec<Rollout>>,
 }
 
-/// The rollouts of what a metric chose, in the order of the candidates: the same set in another order is the same sample.
+/// The rollouts of what a metric chose, best candidate first.
 fn rows_of(choice: &Choice, rollouts: &BTreeMap<usize, Vec<Rollout>>) -> Vec<Vec<Rollout>> {
-    let chosen: BTreeSet<usize> = choice.chosen.iter().copied().collect();
-    chosen.iter().map(|id| rollouts[id].clone()).collect()
+    choice.chosen.iter().map(|id| rollouts[id].clone()).collect()
 }
 
 impl View<'_> {
