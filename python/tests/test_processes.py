@@ -73,6 +73,8 @@ def test_what_is_wrong_raises_and_the_interpreter_goes_on() -> None:
 
 def test_control_c_ends_a_program_that_steps() -> None:
     program = (
+        # Whoever runs the tests in the background of a shell has them ignore it.
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "import elo.gym\n"
         f"environment = elo.gym.make({RAPIER}, max_episode_steps=None)\n"
         "environment.reset(seed=1)\n"
