@@ -261,8 +261,8 @@ fn pair(
 }
 
 /// The first control step whose observations differ by more than [`PARTED`], or at which only one goes on; `None` where they
-/// end together. Components that are 0 or 1 in all of both are flags, such as foot contacts: they differ by a step long before anything is far apart, and
-/// are left out.
+/// end together. Components that are 0 or 1 in all of both are flags, such as foot contacts: they differ by a step long
+/// before anything is far apart, and are left out.
 fn parted_after(a: &[f32], b: &[f32], size: usize) -> Option<f64> {
     let is_flag = |component: usize| {
         let values = a.iter().skip(component).step_by(size).chain(b.iter().skip(component).step_by(size));

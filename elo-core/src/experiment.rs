@@ -235,10 +235,11 @@ impl Experiment {
         }
     }
 
-    /// The recordings of each unit: of some candidates, or all those that one set begins from.
+    /// The recordings of each unit: of some candidates, or all those that one set begins from. None where nothing is recorded.
     pub fn recordings(&self) -> Vec<Span> {
         let Discover { candidates, set_size, .. } = self.discover;
         match self.option_learner.way() {
+            _ if !self.records() => Vec::new(),
             Way::Imitates(_) => Span::cut(candidates, RECORDINGS_PER_UNIT),
             Way::Practises(_) => Span::cut(candidates * set_size, set_size),
         }

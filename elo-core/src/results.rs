@@ -36,8 +36,6 @@ use crate::units::evaluate::ending_code;
 /// See [`RunError`].
 pub fn write(run: &Run<'_>, discovery: &Discovery, held_out: &HeldOut) -> Result<(), RunError> {
     let put = |name: &str, bytes: &[u8]| run.crew.run_dir.write_file(&format!("results/{name}"), bytes);
-    let mut report = serde_json::to_vec_pretty(&held_out.report).expect("a report is plain data");
-    report.push(b'\n');
 
     // Sets of another config that wrote here would stand beside this one's.
     let folders: Vec<String> =
@@ -70,8 +68,7 @@ pub fn write(run: &Run<'_>, discovery: &Discovery, held_out: &HeldOut) -> Result
     put("report_baselines.csv", baseline_rows_csv(held_out).as_bytes())?;
     put("failures.csv", failures.as_bytes())?;
     // Last, so that a report is only there when everything that it speaks of is.
-    put("report.json", &report)?;
-    Ok(())
+    Ok(run.crew.run_dir.write_json("results/report.json", &held_out.report)?)
 }
 
 /// A metric's label as the name of a folder: letters, digits, `.`, `-` and `_` stay, other runs become one `_`.

@@ -17,6 +17,18 @@ pub fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     names(folder).into_iter().map(read).collect()
 }
 
+/// Copies everything below `from` to a new folder `to`.
+///
+/// # Panics
+/// When a file cannot be read or written.
+pub fn copy(from: &Path, to: &Path) {
+    for (name, bytes) in contents(from) {
+        let to = to.join(&name);
+        let written = to.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&to, bytes));
+        written.unwrap_or_else(|error| panic!("{}: {error}", to.display()));
+    }
+}
+
 /// The relative paths of all files below `folder`, in order.
 pub fn names(folder: &Path) -> Vec<PathBuf> {
     let (mut found, mut todo) = (Vec::new(), vec![PathBuf::new()]);

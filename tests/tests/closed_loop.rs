@@ -15,7 +15,7 @@ use elo_core::experiments::Experiments;
 use elo_core::option_set::OptionSet;
 use elo_core::report::Report;
 use elo_core::seed::Seed;
-use elo_tests::folders::{assert_same, names};
+use elo_tests::folders::{assert_same, copy, names};
 use elo_tests::preload;
 use elo_tests::programs::{Ran, discover, elo, elo_with, run, write};
 use elo_tests::toy::{TOY, toy_with};
@@ -61,15 +61,11 @@ fn json<T: serde::de::DeserializeOwned>(path: &Path) -> T {
 }
 
 /// A copy of the finished run, for commands that write into it.
-fn copy(folder: &Path) -> PathBuf {
+fn copied(folder: &Path) -> PathBuf {
     let (_, out, _) = finished();
-    let copy = folder.join("run");
-    for name in names(out) {
-        let to = copy.join(&name);
-        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
-        std::fs::copy(out.join(&name), to).unwrap();
-    }
-    copy
+    let to = folder.join("run");
+    copy(out, &to);
+    to
 }
 
 #[test]
@@ -144,7 +140,7 @@ fn each_metric_picks_one_set_and_files_keep_it_together() {
 #[test]
 fn commands_on_a_finished_run_take_the_set_as_one_agent() {
     let folder = tempfile::tempdir().unwrap();
-    let out = copy(folder.path());
+    let out = copied(folder.path());
     let report: Report = json(&out.join("results/report.json"));
     let own = &report.sets[0].row;
 

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use elo_core::evaluate::Evaluation;
 use elo_core::report::Report;
 use elo_core::seed::{Seed, Stream};
-use elo_tests::folders::{assert_same, identities, names};
+use elo_tests::folders::{assert_same, copy, identities, names};
 use elo_tests::programs::{self, Ran, discover, elo, elo_with, run, write};
 use elo_tests::toy::{TOY, experiment, run_here, toy_with};
 use elo_tests::{preload, wayward};
@@ -52,14 +52,6 @@ impl Reference {
         let out = folder.path().join("run");
         copy(&self.out, &out);
         (folder, out)
-    }
-}
-
-fn copy(from: &Path, to: &Path) {
-    for name in names(from) {
-        let to = to.join(&name);
-        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
-        std::fs::copy(from.join(&name), to).unwrap();
     }
 }
 

@@ -25,9 +25,7 @@ pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let found = with_crew(&arguments.run, hosts(&experiment, &others), staff, |crew| {
         let discovery = discover(&experiment, crew)?;
         let found = crosscheck(&Run::new(&experiment, crew)?, &discovery, &simulators, arguments.contexts)?;
-        let mut json = serde_json::to_vec_pretty(&found).expect("figures are plain data");
-        json.push(b'\n');
-        crew.run_dir.write_file("results/crosscheck.json", &json)?;
+        crew.run_dir.write_json("results/crosscheck.json", &found)?;
         Ok(found)
     })?;
     if arguments.json { print_json(&found) } else { print(&table::crosscheck(&found)) }

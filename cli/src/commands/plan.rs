@@ -32,7 +32,7 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
         Way::Practises(learner) => (0, n * learner.simulator_steps(sizes.steps)),
     };
     let recorded: u64 = experiment.recordings().iter().map(|span| span.count as u64).sum();
-    let (teachers, recorded) = if experiment.records() { (sizes.teachers as u64, recorded) } else { (0, 0) };
+    let teachers = if experiment.records() { sizes.teachers as u64 } else { 0 };
     let training = experiment.teacher.as_ref().map_or(0, |teacher| teacher.simulator_steps());
     let measured = (metrics + subsets) * experiment.candidates_of_a_set() as u64;
     let report_rows = measured.min(n) + 3 + teachers;

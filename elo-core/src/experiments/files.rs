@@ -38,9 +38,7 @@ pub fn write(run_dir: &RunDir, found: &Experiments) -> Result<(), RunDirError> {
     ] {
         run_dir.write_file(&format!("results/experiments/{name}.csv"), text.as_bytes())?;
     }
-    let mut json = serde_json::to_vec_pretty(found).expect("figures are plain data");
-    json.push(b'\n');
-    run_dir.write_file("results/experiments.json", &json)
+    run_dir.write_json("results/experiments.json", found)
 }
 
 /// Column names of an interval.

@@ -32,6 +32,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub use error::RunDirError;
 pub use file_system::{FileSystem, NewFile, OsDisk};
 pub use lock::{Holder, LockError};
+use serde::Serialize;
 pub use store::Quarantined;
 
 use crate::key::Key;
@@ -166,6 +167,19 @@ impl RunDir {
             source,
         })?;
         self.store.put(&self.root, &path, bytes)
+    }
+
+    /// [`Self::write_file`] of `value` as JSON, with a line break at its end.
+    ///
+    /// # Errors
+    /// As there.
+    ///
+    /// # Panics
+    /// When `value` is not plain data.
+    pub fn write_json(&self, name: &str, value: &impl Serialize) -> Result<(), RunDirError> {
+        let mut json = serde_json::to_vec_pretty(value).expect("results are plain data");
+        json.push(b'\n');
+        self.write_file(name, &json)
     }
 
     /// Removes from a result folder whatever is not called by one of `names`. A folder that is not there holds nothing.

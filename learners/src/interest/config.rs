@@ -14,8 +14,6 @@ use crate::kernels::gae::Discount;
 
 /// Closed-loop options with interests and a learned duration, learned together from rollouts of the infant agent (Weber
 /// et al. 2019, §6.2).
-///
-/// Costs about 20 µs of computation a step beside the simulator, at the default sizes on one core.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterestConfig {

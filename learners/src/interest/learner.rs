@@ -6,10 +6,7 @@ use elo_core::spec::SimulatorSpec;
 
 use super::config::{InterestConfig, LearningRates};
 use super::duration::Termination;
-use crate::nn::{Activations, Adam, Mlp, clip_grad_norm};
-
-/// Policies whose log standard deviation leaves this range no longer explore, or no longer aim.
-const LOG_STD_RANGE: std::ops::RangeInclusive<f32> = -8.0..=3.0;
+use crate::nn::{Activations, Adam, Mlp, clip_grad_norm, lost_aim};
 
 /// A network with what its training needs.
 #[derive(Clone, Debug)]
@@ -148,10 +145,7 @@ impl Learner {
 
     /// Why this is nothing to go on with.
     pub fn divergence(&self) -> Option<String> {
-        let mut log_stds = self.policies.iter().flat_map(|policy| &policy.log_std);
-        let log_std = log_stds.find(|log_std| !LOG_STD_RANGE.contains(*log_std))?;
-        let (low, high) = (LOG_STD_RANGE.start(), LOG_STD_RANGE.end());
-        Some(format!("a log standard deviation of a policy is {log_std}, outside {low} to {high}"))
+        self.policies.iter().find_map(|policy| lost_aim(&policy.log_std, "a policy"))
     }
 
     /// All of it, in a fixed order. The logit of `ε` is [`Self::termination`]; its part is the optimiser alone.

@@ -18,6 +18,7 @@ use super::learner::{Learner, Net, Policy};
 use super::policy::InterestPolicy;
 use super::practice::{Episode, Experience, Infant};
 use super::risk::{self, Risk};
+use crate::kernels::clipped_surrogate::typical_kl;
 use crate::kernels::gae::normalize;
 use crate::kernels::running_moments::{Normalizer, ReturnScaler, RunningMoments};
 use crate::nn::Scratch;
@@ -272,9 +273,7 @@ impl<'a> Training<'a> {
                 return Err(format!("the gradient of the termination probability is {gradient}"));
             }
             self.learner.ascend_termination(gradient, rates.termination);
-            // The median: single decisions that have become likely beyond measure make a mean useless.
-            moved.sort_by(f32::total_cmp);
-            if f64::from(moved[moved.len() / 2]) >= config.target_kl {
+            if f64::from(typical_kl(moved)) >= config.target_kl {
                 break;
             }
         }

@@ -56,6 +56,16 @@ pub fn clipped_surrogate(batch: &SurrogateBatch<'_>, epsilon: f32, d_log_probs: 
     }
 }
 
+/// How far an epoch moved the policy: the median of its minibatches' `approx_kl`, because single actions that have become
+/// likely beyond measure make a mean useless.
+///
+/// # Panics
+/// When there is none.
+pub fn typical_kl(mut minibatches: Vec<f32>) -> f32 {
+    minibatches.sort_by(f32::total_cmp);
+    minibatches[minibatches.len() / 2]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,6 +96,12 @@ mod tests {
         for (got, expected) in derivatives.iter().zip([-0.4, 0.0, 0.3, -0.1, 0.0]) {
             assert!((got - expected).abs() < 1e-6, "{derivatives:?}");
         }
+    }
+
+    #[test]
+    fn one_minibatch_beyond_measure_does_not_count() {
+        assert_eq!(typical_kl(vec![0.3, f32::INFINITY, 0.1]), 0.3);
+        assert_eq!(typical_kl(vec![0.2]), 0.2);
     }
 
     #[test]

@@ -7,6 +7,16 @@ use rand::Rng;
 
 use super::normal::fill_standard_normal;
 
+/// Distributions whose log standard deviation leaves this range no longer explore, or no longer aim.
+const LOG_STD_RANGE: std::ops::RangeInclusive<f32> = -8.0..=3.0;
+
+/// Why a training cannot go on with `whose` logarithms of standard deviations, if it cannot.
+pub(crate) fn lost_aim(log_stds: &[f32], whose: &str) -> Option<String> {
+    let log_std = log_stds.iter().find(|log_std| !LOG_STD_RANGE.contains(*log_std))?;
+    let (low, high) = (LOG_STD_RANGE.start(), LOG_STD_RANGE.end());
+    Some(format!("a log standard deviation of {whose} is {log_std}, outside {low} to {high}"))
+}
+
 /// The distribution for one observation. `means` and `log_std` have one number per action component.
 #[derive(Clone, Copy, Debug)]
 pub struct DiagonalGaussian<'a> {

@@ -4,10 +4,7 @@ use elo_core::seed::Seed;
 use elo_core::spec::SimulatorSpec;
 
 use super::config::PpoConfig;
-use crate::nn::{Adam, Mlp};
-
-/// Policies whose log standard deviation leaves this range no longer explore, or no longer aim.
-const LOG_STD_RANGE: std::ops::RangeInclusive<f32> = -8.0..=3.0;
+use crate::nn::{Adam, Mlp, lost_aim};
 
 /// An iteration that moved the policy by more, in nats of Kullback–Leibler divergence, has lost the policy that the
 /// advantages are about. Without `target_kl`, iterations of Ants that went on to learn moved it by up to 6.
@@ -43,18 +40,11 @@ impl Learner {
         if !self.policy.params().iter().chain(self.critic.params()).all(|p| p.is_finite()) {
             return Some("a parameter is not finite".to_owned());
         }
-        if let Some(log_std) = self.log_std.iter().find(|log_std| !LOG_STD_RANGE.contains(*log_std)) {
-            let (low, high) = (LOG_STD_RANGE.start(), LOG_STD_RANGE.end());
-            return Some(format!(
-                "a log standard deviation of the policy is {log_std}, outside {low} to {high}"
-            ));
-        }
-        // Written so that NaN is caught.
-        if kl <= MAX_KL {
-            None
-        } else {
-            Some(format!("one iteration moved the policy by {kl:.2} nats, more than {MAX_KL}"))
-        }
+        lost_aim(&self.log_std, "the policy").or_else(|| {
+            // Written so that NaN is caught.
+            let kept = kl <= MAX_KL;
+            (!kept).then(|| format!("one iteration moved the policy by {kl:.2} nats, more than {MAX_KL}"))
+        })
     }
 }
 

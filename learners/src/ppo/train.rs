@@ -13,7 +13,7 @@ use super::environment::{Course, Environment, Episode, Outcome, draw_starts};
 use super::experience::{Experience, Minibatch};
 use super::learner::Learner;
 use super::policy::GaussianMlpTeacher;
-use crate::kernels::clipped_surrogate::{SurrogateBatch, clipped_surrogate};
+use crate::kernels::clipped_surrogate::{SurrogateBatch, clipped_surrogate, typical_kl};
 use crate::kernels::gae::{Discount, StepEnd, Trajectory, gae, normalize, value_targets};
 use crate::kernels::running_moments::Normalizer;
 use crate::kernels::value_loss::value_loss;
@@ -218,9 +218,8 @@ impl<'a> Training<'a> {
         normalize(&mut experience.advantages);
     }
 
-    /// Epochs of gradient steps on shuffled minibatches. Returns how far the policy moved, as the median over the
-    /// minibatches of the last epoch: single actions that have become likely beyond measure make a mean useless. The
-    /// error says why it cannot go on.
+    /// Epochs of gradient steps on shuffled minibatches. Returns how far the last one moved the policy. The error says why
+    /// it cannot go on.
     fn improve(&mut self, learner: &mut Learner, iteration: u64) -> Result<f32, String> {
         let rate = self.config.rate(iteration);
         let mut order: Vec<usize> = (0..self.config.rollout_steps).collect();
@@ -233,8 +232,7 @@ impl<'a> Training<'a> {
                 self.minibatch.gather(&self.experience, rows);
                 divergences.push(descend(self.config, &mut self.minibatch, learner, rate)?);
             }
-            divergences.sort_by(f32::total_cmp);
-            moved = divergences[divergences.len() / 2];
+            moved = typical_kl(divergences);
             if f64::from(moved) >= self.config.target_kl {
                 break;
             }
