@@ -246,8 +246,8 @@ pub trait Imitate: Send + Sync {
 
 /// Learns a set of options from rollouts.
 pub trait Practise: Send + Sync {
-    /// Simulator steps that learning one set takes, for rollouts of `steps` control steps; for estimates.
-    fn simulator_steps(&self, steps: usize) -> u64;
+    /// Simulator steps that learning one set takes, for estimates.
+    fn simulator_steps(&self) -> u64;
 
     /// Whether a set begins from recordings of teachers, one an option.
     fn begins_from_recordings(&self) -> bool {

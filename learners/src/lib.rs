@@ -12,6 +12,7 @@
 //! [`PLUGINS`]. Options that fit no format in the list bring their own [`elo_core::policy::PolicyFormat`], with an entry
 //! too. The tests of this crate walk the list and run the conformance suites on whatever is in it.
 
+mod acting;
 pub mod behavior_cloning;
 mod demonstration;
 pub mod interest;

@@ -15,7 +15,7 @@ fn quick_fields(kind: &str) -> serde_json::Value {
             "snapshots": 4, "d0_pool": 10, "max_episode_steps": 60, "checkpoint_every": 400,
         }),
         "interest" => serde_json::json!({
-            "iterations": 4, "rollouts": 3, "epochs": 2, "hidden": [8], "checkpoint_every": 1,
+            "steps": 400, "rollout_steps": 100, "context_pool": 5, "epochs": 2, "hidden": [8], "checkpoint_every": 100,
         }),
         "behavior_cloning" => serde_json::json!({ "hidden": [8], "epochs": 5 }),
         _ => serde_json::json!({}),

@@ -15,8 +15,10 @@ fn options_for_a_mass_of_unknown_weight_earn_more_with_practice_and_last_as_aske
     let config = InterestConfig {
         continuations: Band { low: 4.0, high: 6.0 },
         duration_weight: 10.0,
-        iterations: 60,
-        rollouts: 16,
+        steps: 60 * 960,
+        rollout_steps: 960,
+        context_pool: 500,
+        minibatch: 64,
         learning_rates: LearningRates { policies: 3e-3, interests: 3e-3, termination: 0.02, critic: 3e-3 },
         hidden: vec![16],
         ..InterestConfig::default()

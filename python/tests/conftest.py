@@ -72,7 +72,8 @@ def quick_run(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def closed_loop_run(elo_program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small run of the half-cheetah with one set of closed-loop options, learned by practice."""
     out = tmp_path_factory.mktemp("closed-loop")
-    sizes = ["option_learner.kind=interest", "option_learner.iterations=3", "option_learner.rollouts=4"]
+    sizes = ["option_learner.kind=interest", "option_learner.steps=240", "option_learner.rollout_steps=80"]
+    sizes += ["option_learner.context_pool=5"]
     sizes += ["discover.candidates=1", "discover.contexts=6", "discover.set_size=3", "discover.steps=20"]
     sizes += ["initial_states.max_random_steps=0", "report.contexts=6"]
     arguments = [argument for size in sizes for argument in ("--set", size)]

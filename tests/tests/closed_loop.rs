@@ -24,11 +24,12 @@ use rand::RngExt as _;
 /// Three sets of two options, without a teacher.
 const LEARNER: &str = r#"[option_learner]
 kind = "interest"
-iterations = 8
-rollouts = 4
+steps = 640
+rollout_steps = 80
+context_pool = 6
 epochs = 2
 hidden = [8]
-checkpoint_every = 2
+checkpoint_every = 160
 continuations = { low = 2.0, high = 6.0 }
 "#;
 
@@ -179,7 +180,10 @@ fn sets_that_begin_from_recordings_have_teachers_and_recordings_of_their_own() {
     let folder = tempfile::tempdir().unwrap();
     let text = toy_with(&[
         ("[option_learner]\nkind = \"open_loop\"\n", LEARNER),
-        ("checkpoint_every = 2\n", "checkpoint_every = 2\nimitation_start = true\ninitial_log_std = -1.0\n"),
+        (
+            "checkpoint_every = 160\n",
+            "checkpoint_every = 160\nimitation_start = true\ninitial_log_std = -1.0\n",
+        ),
         ("steps = 16_384", "steps = 2048"),
         ("candidates = 24\n", "candidates = 3\n"),
         ("set_size = 3\n", "set_size = 2\n"),
@@ -231,7 +235,7 @@ fn a_run_says_what_its_way_of_learning_needs() {
 fn a_plan_counts_the_steps_of_practice_and_no_teacher() {
     let (config, _, _) = finished();
     let ran = run(elo_with(&["discover", "--plan"]).arg(config)).expect_success();
-    // 3 sets of 8 iterations of 4 rollouts of 20 steps.
+    // 3 sets of 640 steps.
     let line =
         ran.stdout.lines().find(|line| line.starts_with("option sets")).unwrap_or_else(|| panic!("{ran}"));
     assert!(line.contains(" 1 920 simulator steps at most"), "{ran}");

@@ -116,7 +116,7 @@ fn every_simulator_conforms_with_every_robot() {
 fn quick() -> Value {
     json!({
         "steps": 2000, "rollout_steps": 200, "environments": 2, "minibatch": 50, "epochs": 3, "hidden": [8],
-        "max_episode_steps": 60, "checkpoint_every": 400, "snapshots": 4, "d0_pool": 10, "iterations": 3, "rollouts": 3,
+        "max_episode_steps": 60, "checkpoint_every": 400, "snapshots": 4, "d0_pool": 10, "context_pool": 5,
     })
 }
 

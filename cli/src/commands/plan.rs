@@ -29,7 +29,7 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     let metrics = experiment.metrics.len() as u64;
     let (subsets, practice) = match experiment.option_learner.way() {
         Way::Imitates(_) => (experiment.report.random_subsets as u64, 0),
-        Way::Practises(learner) => (0, n * learner.simulator_steps(sizes.steps)),
+        Way::Practises(learner) => (0, n * learner.simulator_steps()),
     };
     let recorded: u64 = experiment.recordings().iter().map(|span| span.count as u64).sum();
     let teachers = if experiment.records() { sizes.teachers as u64 } else { 0 };

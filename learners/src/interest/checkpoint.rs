@@ -99,11 +99,12 @@ mod tests {
 
     fn config() -> InterestConfig {
         InterestConfig {
-            iterations: 6,
-            rollouts: 2,
+            steps: 240,
+            rollout_steps: 40,
+            context_pool: 5,
             epochs: 2,
             hidden: vec![4],
-            checkpoint_every: 2,
+            checkpoint_every: 80,
             ..InterestConfig::default()
         }
     }
@@ -139,7 +140,7 @@ mod tests {
         with_practice(|practice| {
             let whole = train(&config(), practice, &mut Unwatched).unwrap();
             let never =
-                train(&InterestConfig { checkpoint_every: 100, ..config() }, practice, &mut Unwatched);
+                train(&InterestConfig { checkpoint_every: 1000, ..config() }, practice, &mut Unwatched);
             assert_eq!(never.unwrap(), whole);
             for until in [1, 2] {
                 let mut monitor = Stopping { until, last: None };

@@ -27,16 +27,20 @@ pub struct InterestConfig {
     pub duration_weight: f64,
     /// How often options continue on average before any training; must be positive.
     pub initial_continuations: f64,
-    /// Changes of the options.
+    /// Control steps of practice; the last rollout is cut short.
     #[schemars(range(min = 1))]
-    pub iterations: u64,
-    /// Rollouts of `discover.steps` between two changes, each in a task and from a start of its own.
-    #[schemars(range(min = 1, max = 100_000))]
-    pub rollouts: u64,
+    pub steps: u64,
+    /// Control steps between two changes of the options, in whole rollouts of at most `discover.steps`.
+    #[schemars(range(min = 1, max = 10_000_000))]
+    pub rollout_steps: u64,
+    /// How many tasks are drawn from `P` before the practice, each with a start from `d0`, for rollouts to choose from. Each
+    /// costs up to `initial_states.max_random_steps` control steps, times the redraws.
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub context_pool: u64,
     /// Passes over the steps of one iteration.
     #[schemars(range(min = 1, max = 1000))]
     pub epochs: usize,
-    /// Steps whose mean loss one gradient step descends.
+    /// Steps whose mean loss one gradient step descends, those of all options together.
     #[schemars(range(min = 1))]
     pub minibatch: usize,
     /// Adam's step sizes at the beginning; they fall linearly to zero.
@@ -66,7 +70,7 @@ pub struct InterestConfig {
     /// Natural logarithm of the action noise's standard deviation at the beginning, in units of the action.
     #[schemars(range(min = -5.0, max = 1.0))]
     pub initial_log_std: f64,
-    /// Iterations between checkpoints. Changes no result.
+    /// Control steps between checkpoints, rounded up to whole iterations. Changes no result.
     #[schemars(range(min = 1))]
     pub checkpoint_every: u64,
 }
@@ -108,10 +112,11 @@ impl Default for InterestConfig {
             continuations: Band { low: 5.0, high: 50.0 },
             duration_weight: 0.1,
             initial_continuations: 10.0,
-            iterations: 500,
-            rollouts: 16,
+            steps: 2_000_000,
+            rollout_steps: 8192,
+            context_pool: 1000,
             epochs: 10,
-            minibatch: 64,
+            minibatch: 256,
             learning_rates: LearningRates::default(),
             clip: 0.2,
             target_kl: 1000.0,
@@ -122,7 +127,7 @@ impl Default for InterestConfig {
             max_grad_norm: 0.5,
             hidden: vec![64, 64],
             initial_log_std: 0.0,
-            checkpoint_every: 20,
+            checkpoint_every: 100_000,
         }
     }
 }
@@ -149,8 +154,9 @@ impl From<Discounts> for Discount {
 impl OptionLearner for InterestConfig {
     fn validate(&self, faults: &mut Faults) {
         let counts = [
-            ("iterations", self.iterations),
-            ("rollouts", self.rollouts),
+            ("steps", self.steps),
+            ("rollout_steps", self.rollout_steps),
+            ("context_pool", self.context_pool),
             ("epochs", self.epochs as u64),
             ("minibatch", self.minibatch as u64),
             ("checkpoint_every", self.checkpoint_every),
@@ -212,8 +218,8 @@ impl OptionLearner for InterestConfig {
 }
 
 impl Practise for InterestConfig {
-    fn simulator_steps(&self, steps: usize) -> u64 {
-        self.iterations * self.rollouts * steps as u64
+    fn simulator_steps(&self) -> u64 {
+        self.steps
     }
 
     fn begins_from_recordings(&self) -> bool {
@@ -235,9 +241,9 @@ impl Practise for InterestConfig {
 }
 
 impl InterestConfig {
-    /// The learning rates of an iteration.
-    pub(super) fn rates(&self, iteration: u64) -> LearningRates {
-        let left = 1.0 - iteration as f64 / self.iterations as f64;
+    /// The learning rates of an iteration after `steps`.
+    pub(super) fn rates(&self, steps: u64) -> LearningRates {
+        let left = 1.0 - steps as f64 / self.steps as f64;
         let LearningRates { policies, interests, termination, critic } = self.learning_rates;
         LearningRates {
             policies: policies * left,
@@ -263,7 +269,7 @@ mod tests {
         InterestConfig::default().validate(&mut faults);
         assert!(faults.found().is_empty(), "{:?}", faults.found());
         let config = InterestConfig {
-            rollouts: 0,
+            rollout_steps: 0,
             continuations: Band { low: 6.0, high: 5.0 },
             duration_weight: f64::NAN,
             initial_continuations: 0.0,

@@ -25,7 +25,9 @@ fn config() -> InterestConfig {
         continuations: Band { low: 3.0, high: 4.0 },
         duration_weight: 0.01,
         initial_continuations: 2.0,
-        rollouts: 1000,
+        steps: 40_000,
+        rollout_steps: 40_000,
+        context_pool: 1000,
         learning_rates: LearningRates::default(),
         discount: Discounts { gamma: GAMMA, gae_lambda: 1.0 },
         discounted_visits: true,
@@ -101,7 +103,7 @@ fn estimate(training: &mut Training<'_>, iteration: u64) -> Vec<f64> {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
     };
-    let visits = experience.discounts.iter().sum::<f64>() / config.rollouts as f64;
+    let visits = experience.discounts.iter().sum::<f64>() / experience.ends.len() as f64;
     let of_actions = -visits * deviation(&|a| a.action, &|_| true);
     let of_draws = -visits * deviation(&|a| a.draw, &|row| experience.steps[row].drawn);
     let learner = &training.learner;

@@ -31,7 +31,7 @@
 //!
 //! # Training
 //!
-//! [`train`] rolls out the infant agent in tasks from `P` and from starts from `d0`, always whole rollouts, and improves
+//! [`train`] rolls out the infant agent in tasks from `P` and from starts from `d0`, in whole rollouts, and improves
 //! all parts by the clipped gradients, as PPO does. Returns are in units of their own deviation; the advantages of actions
 //! and of draws are scaled to deviation 1, which changes the size of a part's gradient and not its direction, while that
 //! of `ε` keeps its size: it stands against `λ φ`. Unless `discounted_visits` asks for the letter of `J`, all steps of a
@@ -69,6 +69,7 @@ mod risk;
 #[cfg(test)]
 mod tests;
 mod train;
+mod valuation;
 #[cfg(test)]
 mod worlds;
 

@@ -20,13 +20,17 @@ use super::worlds::{World, practice};
 /// Of a rollout.
 const STEPS: usize = 64;
 
+/// Eight rollouts.
+const ITERATION: u64 = 8 * STEPS as u64;
+
 /// Networks that are tables: without hidden layers, of observations with one 1.
 fn tables() -> InterestConfig {
     InterestConfig {
         duration_weight: 0.0,
         initial_continuations: 3.0,
-        iterations: 150,
-        rollouts: 8,
+        steps: 150 * ITERATION,
+        rollout_steps: ITERATION,
+        context_pool: 50,
         epochs: 4,
         minibatch: 128,
         learning_rates: LearningRates { policies: 0.0, interests: 0.03, termination: 0.03, critic: 0.03 },
@@ -51,7 +55,7 @@ fn trained(config: &InterestConfig, world: World, seed: u64, prepare: impl Fn(&m
     let practice = practice(&world, &tasks, &initial_states, STEPS, seed);
     let mut training = Training::new(config, &practice).unwrap();
     prepare(&mut training.learner);
-    for _ in 0..config.iterations {
+    while training.goes_on() {
         training.iterate().unwrap();
     }
     training.finish()
@@ -146,7 +150,7 @@ fn everything_learned_at_once_is_as_good() {
 
 #[test]
 fn duration_follows_what_pays() {
-    let config = InterestConfig { iterations: 60, ..tables() };
+    let config = InterestConfig { steps: 60 * ITERATION, ..tables() };
     let interests_held = InterestConfig {
         learning_rates: LearningRates { interests: 0.0, ..config.learning_rates },
         ..config
@@ -182,7 +186,7 @@ fn options_last_as_long_as_their_termination_says() {
     let config = InterestConfig {
         learning_rates: LearningRates { policies: 0.0, interests: 0.0, termination: 0.0, critic: 0.0 },
         initial_continuations: 4.0,
-        iterations: 1,
+        steps: ITERATION,
         ..tables()
     };
     let learned = trained(&config, World::Steady, 1, reflexes);
@@ -200,7 +204,7 @@ fn options_last_as_long_as_their_termination_says() {
 #[test]
 fn interests_that_are_not_learned_are_those_of_the_uniform_agent() {
     let rates = LearningRates { interests: 0.0, policies: 0.03, ..tables().learning_rates };
-    let config = InterestConfig { learning_rates: rates, iterations: 5, hidden: vec![4], ..tables() };
+    let config = InterestConfig { learning_rates: rates, steps: 5 * ITERATION, hidden: vec![4], ..tables() };
     let played_anywhere = |learned: &Learned| {
         let anywhere: Vec<Anywhere<'_>> = learned.options.iter().map(Anywhere).collect();
         let anywhere: Vec<&dyn OptionPolicy> = anywhere.iter().map(|option| option as _).collect();
@@ -217,8 +221,8 @@ fn interests_that_are_not_learned_are_those_of_the_uniform_agent() {
 #[test]
 fn a_price_on_poor_returns_turns_from_the_gamble() {
     let config = InterestConfig {
-        rollouts: 64,
-        iterations: 60,
+        steps: 60 * 640,
+        rollout_steps: 640,
         learning_rates: LearningRates { termination: 0.0, ..tables().learning_rates },
         initial_continuations: 9.0,
         discount: Discounts { gamma: 1.0, gae_lambda: 1.0 },
@@ -230,7 +234,7 @@ fn a_price_on_poor_returns_turns_from_the_gamble() {
         let practice = practice(&World::Gamble, &tasks, &initial_states, 10, seed);
         let mut training = Training::new(&config, &practice).unwrap();
         reflexes(&mut training.learner);
-        for _ in 0..config.iterations {
+        while training.goes_on() {
             training.iterate().unwrap();
         }
         let [ratio, _] = interest_ratios(&training.finish());
@@ -248,7 +252,7 @@ fn a_price_on_poor_returns_turns_from_the_gamble() {
 #[test]
 fn passes_end_once_decisions_have_moved() {
     let learn = |epochs: usize, target_kl: f64| {
-        let config = InterestConfig { epochs, target_kl, iterations: 3, hidden: vec![8], ..tables() };
+        let config = InterestConfig { epochs, target_kl, steps: 3 * ITERATION, hidden: vec![8], ..tables() };
         trained(&config, World::Hot, 1, |_| {})
     };
     assert_eq!(learn(4, 1e-9), learn(1, 1000.0));
@@ -288,7 +292,7 @@ fn options_begin_as_clones_of_recordings() {
     };
     let config = InterestConfig {
         imitation_start: true,
-        iterations: 1,
+        steps: ITERATION,
         learning_rates: LearningRates { policies: 0.0, interests: 0.0, termination: 0.0, critic: 0.0 },
         ..tables()
     };
@@ -315,7 +319,7 @@ fn options_begin_as_clones_of_recordings() {
 
 #[test]
 fn the_same_seed_learns_the_same_set() {
-    let config = InterestConfig { iterations: 3, hidden: vec![8], ..tables() };
+    let config = InterestConfig { steps: 3 * ITERATION, hidden: vec![8], ..tables() };
     let (world, tasks, initial_states) = (World::Hot, pays(), at_once());
     let learn = |seed| {
         let practice = practice(&world, &tasks, &initial_states, STEPS, seed);

@@ -1,11 +1,12 @@
 //! The training, from top to bottom: roll out the infant agent, estimate advantages, improve the policies, the interests
 //! and `ε`, and the critic.
 
+use elo_core::context::Context;
 use elo_core::policy::{Monitor, OptionLearner as _, Practice, TrainError};
-use elo_core::seed::Seed;
-use elo_core::simulator::{Simulator, SimulatorError};
+use elo_core::simulator::Simulator;
 use elo_core::spec::SimulatorSpec;
 use elo_core::task::Task;
+use rand::RngExt as _;
 use rand::seq::SliceRandom as _;
 use serde::{Deserialize, Serialize};
 
@@ -18,12 +19,13 @@ use super::learner::{Learner, Net, Policy};
 use super::policy::InterestPolicy;
 use super::practice::{Episode, Experience, Infant};
 use super::risk::{self, Risk};
+use super::valuation;
+use crate::acting::{Tally, draw_contexts};
 use crate::kernels::clipped_surrogate::typical_kl;
 use crate::kernels::gae::normalize;
 use crate::kernels::running_moments::{Normalizer, ReturnScaler, RunningMoments};
 use crate::nn::Scratch;
 use crate::normalized_mlp::NormalizedMlp;
-use crate::ppo::environment::Tally;
 
 /// A set of options, learned together.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,12 +66,13 @@ pub fn train(
         Some(bytes) => training.restore(&bytes)?,
         None => training.imitate()?,
     }
-    while training.record.iteration < config.iterations {
+    while training.goes_on() {
+        let before = training.record.tally.steps;
         training.iterate()?;
-        let done = training.record.iteration;
-        let steps = config.rollouts * practice.steps as u64;
-        monitor.progress(done * steps, config.iterations * steps)?;
-        if done < config.iterations && done.is_multiple_of(config.checkpoint_every) {
+        let done = training.record.tally.steps;
+        monitor.progress(done, config.steps)?;
+        let is_due = done / config.checkpoint_every > before / config.checkpoint_every;
+        if is_due && training.goes_on() {
             let bytes = training.checkpoint();
             monitor.checkpoint(&bytes)?;
             training.restore(&bytes)?;
@@ -84,6 +87,8 @@ pub(super) struct Training<'a> {
     practice: &'a Practice<'a>,
     simulator: Box<dyn Simulator>,
     spec: SimulatorSpec,
+    /// Where rollouts begin, and for what.
+    contexts: Vec<Context>,
     /// The scale of observations, where practice begins from recordings.
     scale: Option<Normalizer>,
     /// What is being trained.
@@ -116,9 +121,15 @@ impl<'a> Training<'a> {
         if let Some(fault) = faults.found().first() {
             return Err(TrainError::Other(fault.to_string()));
         }
-        let simulator = practice.simulator.build()?;
+        let mut simulator = practice.simulator.build()?;
         let spec = simulator.spec().clone();
+        let seed = practice.seed.child("contexts");
+        let tasks = (0..config.context_pool)
+            .map(|index| practice.tasks.draw(&mut seed.child("task").index(index).stream()));
+        let contexts =
+            draw_contexts(practice.initial_states, simulator.as_mut(), tasks, &seed.child("start"))?;
         Ok(Self {
+            contexts,
             scale: imitation::scale(config, practice, &spec)?,
             learner: Learner::new(config, practice, &spec),
             record: Record {
@@ -146,6 +157,11 @@ impl<'a> Training<'a> {
         self.scale.clone().unwrap_or_else(|| self.record.moments.normalizer())
     }
 
+    /// Whether not all steps have been taken.
+    pub fn goes_on(&self) -> bool {
+        self.record.tally.steps < self.config.steps
+    }
+
     /// One improvement, `θ_k → θ_{k+1}`.
     pub fn iterate(&mut self) -> Result<(), TrainError> {
         let mut experience = self.collect()?;
@@ -158,23 +174,29 @@ impl<'a> Training<'a> {
         Ok(())
     }
 
-    /// Rolls out the infant agent in tasks drawn from `P`, from starts drawn from `d0`.
+    /// Rolls out the infant agent in contexts of the pool.
     pub fn collect(&mut self) -> Result<Experience, TrainError> {
-        let iteration = self.record.iteration;
+        let seed = self.practice.seed.child("rollouts").index(self.record.iteration);
+        let (wanted, left) = (self.iteration_steps(), self.config.steps - self.record.tally.steps);
         let mut experience = Experience::default();
         let normalizer = self.normalizer();
-        for rollout in 0..self.config.rollouts {
-            let seed = self.practice.seed.child("rollouts").index(iteration).index(rollout);
-            let task = self.practice.tasks.draw(&mut seed.child("task").stream());
-            let features = self.task_features(&task);
+        // Those that fail without a step are few, or else end the training.
+        for rollout in 0.. {
+            let done = experience.steps.len() as u64;
+            if done >= wanted {
+                break;
+            }
+            let seed = seed.index(rollout);
+            let which = seed.child("context").stream().random_range(0..self.contexts.len());
+            let context = &self.contexts[which];
+            let features = self.task_features(&context.task);
             let episode = Episode {
-                task: &task,
+                context,
                 features: &features,
-                max_steps: self.practice.steps,
+                max_steps: (left - done).min(self.practice.steps as u64),
                 gamma: self.config.discount.gamma,
             };
             self.record.tally.episodes += 1;
-            let begun = self.begin(&task, &seed.child("start"));
             let mut infant = Infant {
                 learner: &self.learner,
                 normalizer: &normalizer,
@@ -183,27 +205,18 @@ impl<'a> Training<'a> {
                 scratch: Scratch::default(),
             };
             let noise = &mut seed.child("noise").stream();
-            let rolled = begun.and_then(|observation| {
-                infant.roll_out(self.simulator.as_mut(), observation, &episode, noise)
-            });
-            if let Err(error) = rolled {
+            if let Err(error) = infant.roll_out(self.simulator.as_mut(), &episode, noise) {
                 self.record.tally.fail(&error)?;
             }
         }
         self.record.tally.steps += experience.steps.len() as u64;
-        if experience.steps.is_empty() {
-            return Err(TrainError::Other(
-                "the simulator failed in the first step of all rollouts".to_owned(),
-            ));
-        }
         Ok(experience)
     }
 
-    fn begin(&mut self, task: &Task, seed: &Seed) -> Result<Vec<f32>, SimulatorError> {
-        let start = self.practice.initial_states.draw(self.simulator.as_mut(), task, seed)?;
-        let mut observation = vec![0.0; self.spec.observation_size];
-        start.begin(self.simulator.as_mut(), task, &mut observation)?;
-        Ok(observation)
+    /// Steps of this iteration: what is left, divided evenly.
+    fn iteration_steps(&self) -> u64 {
+        let left = self.config.steps - self.record.tally.steps;
+        left.div_ceil(left.div_ceil(self.config.rollout_steps))
     }
 
     /// The parameters that `P` draws, each between −1 and 1 within what the simulator allows.
@@ -240,7 +253,8 @@ impl<'a> Training<'a> {
     }
 
     /// Of the three kinds of decisions, by the critic that saw the steps.
-    pub fn estimate_advantages(&self, experience: &mut Experience) {
+    pub fn estimate_advantages(&mut self, experience: &mut Experience) {
+        valuation::value(&mut self.learner, experience);
         let Experience { steps, advantages: to, .. } = experience;
         to.resize(steps.len(), Advantages::default());
         advantages(steps, self.learner.termination, self.config.discount.into(), to);
@@ -250,7 +264,7 @@ impl<'a> Training<'a> {
     fn improve(&mut self, experience: &Experience) -> Result<(), String> {
         let config = self.config;
         let iteration = self.record.iteration;
-        let rates = config.rates(iteration);
+        let rates = config.rates(self.record.tally.steps - experience.steps.len() as u64);
         let weights = self.weights(experience);
         let worth = self.worth_of_ending(experience, &weights);
         let signals = Signals::new(experience, &weights);

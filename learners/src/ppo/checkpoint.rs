@@ -12,8 +12,9 @@ use elo_core::tensors::{TensorError, Tensors};
 use serde::{Deserialize, Serialize};
 
 use super::config::PpoConfig;
-use super::environment::{AtRest, Tally};
+use super::environment::AtRest;
 use super::learner::Learner;
+use crate::acting::Tally;
 use crate::kernels::running_moments::{ReturnScaler, RunningMoments};
 use crate::nn::{Adam, AdamState, Mlp};
 

@@ -1,16 +1,15 @@
 //! Where a teacher practises: one simulator, one episode after another.
 
-use elo_core::context::{InitialStates, PreparedStart};
+use elo_core::context::PreparedStart;
 use elo_core::policy::TrainError;
 use elo_core::rollout::price;
 use elo_core::seed::Seed;
-use elo_core::simulator::{End, Simulator, SimulatorError, Start, State};
+use elo_core::simulator::{End, Simulator, Start, State};
 use elo_core::task::Task;
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
 
-/// Failed episodes that are forgiven however few the others are.
-const FORGIVEN_FAILURES: u64 = 10;
+use crate::acting::{Tally, check_finite};
 
 /// What all environments of a training have in common.
 #[derive(Clone, Debug)]
@@ -39,71 +38,6 @@ impl Course<'_> {
         } else {
             PreparedStart::standard(seed.child("reset").number())
         }
-    }
-}
-
-/// Draws starts from `d0`. A draw during which the simulator fails gives none.
-///
-/// # Errors
-/// When no draw gave a start, or for a reason that another draw would meet too.
-pub(super) fn draw_starts(
-    initial_states: &InitialStates,
-    count: u64,
-    simulator: &mut dyn Simulator,
-    task: &Task,
-    seed: &Seed,
-) -> Result<Vec<PreparedStart>, TrainError> {
-    let mut starts = Vec::new();
-    let mut last_failure = None;
-    for index in 0..count {
-        match initial_states.draw(simulator, task, &seed.index(index)) {
-            Ok(start) => starts.push(start),
-            Err(error @ SimulatorError::Unstable(_)) => last_failure = Some(error),
-            Err(error) => return Err(TrainError::Other(format!("no start can be drawn from d0: {error}"))),
-        }
-    }
-    match last_failure {
-        Some(error) if starts.is_empty() => {
-            Err(TrainError::Other(format!("no start can be drawn from d0: {error}")))
-        }
-        _ => Ok(starts),
-    }
-}
-
-/// Counts of a whole training.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Tally {
-    /// Control steps taken that can be learned from.
-    pub steps: u64,
-    /// Episodes begun.
-    pub episodes: u64,
-    /// Those among them that the simulator could not carry through.
-    pub failures: u64,
-}
-
-impl Tally {
-    /// Counts a simulator's error that spoils one episode.
-    ///
-    /// # Errors
-    /// [`TrainError::Diverged`] when more than one episode in a hundred failed, and at least [`FORGIVEN_FAILURES`];
-    /// [`TrainError::Other`] for errors that every episode would meet.
-    pub fn fail(&mut self, error: &SimulatorError) -> Result<(), TrainError> {
-        match error {
-            SimulatorError::Unstable(_) | SimulatorError::Engine(_) | SimulatorError::Start(_) => {}
-            SimulatorError::NonFiniteAction { .. } => {
-                return Err(TrainError::Diverged { steps: self.steps, reason: error.to_string() });
-            }
-            _ => return Err(TrainError::Other(error.to_string())),
-        }
-        self.failures += 1;
-        let Self { steps, episodes, failures } = *self;
-        if failures > FORGIVEN_FAILURES && failures * 100 > episodes {
-            let reason =
-                format!("the simulator failed in {failures} of {episodes} episodes, lastly: {error}");
-            return Err(TrainError::Diverged { steps, reason });
-        }
-        Ok(())
     }
 }
 
@@ -252,29 +186,25 @@ impl Environment {
     }
 }
 
-pub(crate) fn check_finite(observation: &[f32], terms: &[f64]) -> Result<(), SimulatorError> {
-    if observation.iter().all(|x| x.is_finite()) && terms.iter().all(|x| x.is_finite()) {
-        Ok(())
-    } else {
-        Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
 
     use elo_core::conformance::point_mass::{PointMassConfig, replay_only};
+    use elo_core::context::InitialStates;
     use elo_core::simulator::SimulatorConfig as _;
 
     use super::*;
+    use crate::acting::draw_contexts;
 
     fn course(task: &Task, d0_share: f64, max_episode_steps: u64) -> Course<'_> {
         let config = PointMassConfig::default();
         let mut simulator = config.build().unwrap();
-        let d0 =
-            draw_starts(&InitialStates::default(), 20, simulator.as_mut(), task, &Seed::root(1)).unwrap();
-        assert_eq!(d0.len(), 20);
+        let tasks = std::iter::repeat_n(task.clone(), 20);
+        let contexts =
+            draw_contexts(&InitialStates::default(), simulator.as_mut(), tasks, &Seed::root(1)).unwrap();
+        assert_eq!(contexts.len(), 20);
+        let d0 = contexts.into_iter().map(|context| context.start).collect();
         let prices = config.description().prices(task);
         Course { task, prices, d0, d0_share, max_episode_steps, seed: Seed::root(2) }
     }
@@ -365,24 +295,5 @@ mod tests {
             assert_eq!((other.episode().number, other.episode().steps), expected);
             assert_eq!(other.observation() == environment.observation(), settable);
         }
-    }
-
-    #[test]
-    fn few_failures_are_forgiven_and_many_are_divergence() {
-        let unstable = SimulatorError::Unstable("a test".to_owned());
-        let mut tally = Tally { steps: 7, episodes: 20, failures: 0 };
-        for _ in 0..FORGIVEN_FAILURES {
-            tally.fail(&unstable).unwrap();
-        }
-        match tally.fail(&unstable).unwrap_err() {
-            TrainError::Diverged { steps: 7, reason } => {
-                assert!(reason.contains("11 of 20 episodes"), "{reason}")
-            }
-            other => panic!("{other}"),
-        }
-        let mut tally = Tally { steps: 0, episodes: 10_000, failures: 99 };
-        tally.fail(&unstable).unwrap();
-        assert!(tally.fail(&unstable).is_err());
-        assert!(matches!(Tally::default().fail(&SimulatorError::NoEpisode), Err(TrainError::Other(_))));
     }
 }

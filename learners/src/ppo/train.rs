@@ -9,10 +9,11 @@ use rand::seq::SliceRandom as _;
 
 use super::checkpoint::Progress;
 use super::config::PpoConfig;
-use super::environment::{Course, Environment, Episode, Outcome, draw_starts};
+use super::environment::{Course, Environment, Episode, Outcome};
 use super::experience::{Experience, Minibatch};
 use super::learner::Learner;
 use super::policy::GaussianMlpTeacher;
+use crate::acting::draw_contexts;
 use crate::kernels::clipped_surrogate::{SurrogateBatch, clipped_surrogate, typical_kl};
 use crate::kernels::gae::{Discount, StepEnd, Trajectory, gae, normalize, value_targets};
 use crate::kernels::running_moments::Normalizer;
@@ -86,15 +87,15 @@ impl<'a> Training<'a> {
         let spec = simulator.spec().clone();
         let seed = lesson.seed.clone();
         let pool = if config.d0_share > 0.0 { config.d0_pool } else { 0 };
-        let d0 =
-            draw_starts(lesson.initial_states, pool, simulator.as_mut(), lesson.task, &seed.child("d0"))?;
+        let tasks = std::iter::repeat_n(lesson.task.clone(), pool as usize);
+        let d0 = draw_contexts(lesson.initial_states, simulator.as_mut(), tasks, &seed.child("d0"))?;
         let environments = (0..config.environments)
             .map(|index| Ok(Environment::new(index, lesson.simulator.build()?)))
             .collect::<Result<_, TrainError>>()?;
         let course = Course {
             task: lesson.task,
             prices: spec.prices(lesson.task),
-            d0,
+            d0: d0.into_iter().map(|context| context.start).collect(),
             d0_share: config.d0_share,
             max_episode_steps: config.max_episode_steps,
             seed: seed.child("episodes"),

@@ -5,8 +5,9 @@ use std::process::Command;
 use std::time::Instant;
 
 use elo_core::context::InitialStates;
-use elo_core::policy::{Lesson, TeacherConfig as _, Unwatched};
+use elo_core::policy::{Lesson, TeacherConfig as _, TrainError, Unwatched};
 use elo_core::seed::Seed;
+use elo_core::simulator::SimulatorConfig;
 use elo_core::task::Task;
 use elo_learners::ppo::PpoConfig;
 
@@ -15,7 +16,7 @@ use crate::processor_time::of_thread;
 use crate::robots::{linked, simulator};
 use crate::timed::{Timed, take_seconds};
 
-const ROBOT: &str = "half-cheetah";
+pub const ROBOT: &str = "half-cheetah";
 const MJCF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../backends/src/locomotion/robots/half-cheetah.xml");
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/sb3_ppo.py");
 const STEPS: u64 = 4 * 2048;
@@ -41,7 +42,7 @@ pub fn run() -> Result<(), Box<dyn Error>> {
         let [ten, one] = [ten, one].map(Costs::median);
         let updates = 10.0 * (ten.rest - one.rest) / 9.0;
         let total = ten.simulator + ten.rest;
-        let (rate, share) = (1e6 / total, |us: f64| format!("{us:.1} us {:.0} %", 100.0 * us / total));
+        let (rate, share) = (ten.rate(), |us: f64| format!("{us:.1} us {:.0} %", 100.0 * us / total));
         let (simulator, acting) = (share(ten.simulator), share(ten.rest - updates));
         println!("  {engine:<7} {rate:25.0}   {simulator:>9}   {acting:>21}   {}", share(updates));
         if !theirs.is_empty() {
@@ -56,7 +57,7 @@ pub fn run() -> Result<(), Box<dyn Error>> {
 }
 
 /// Microseconds a step: in the simulator, and besides.
-struct Costs {
+pub struct Costs {
     simulator: f64,
     rest: f64,
 }
@@ -66,20 +67,36 @@ impl Costs {
         let (simulator, rest) = all.into_iter().map(|costs| (costs.simulator, costs.rest)).unzip();
         Self { simulator: median(simulator), rest: median(rest) }
     }
+
+    /// Steps a second of processor time.
+    pub fn rate(&self) -> f64 {
+        1e6 / (self.simulator + self.rest)
+    }
 }
 
-fn training(engine: &str, epochs: usize) -> Result<Costs, Box<dyn Error>> {
+/// Of a training with so many epochs.
+pub fn training(engine: &str, epochs: usize) -> Result<Costs, Box<dyn Error>> {
     let config = PpoConfig { steps: STEPS, epochs, d0_share: 0.0, ..PpoConfig::default() };
-    let (timed, task, initial_states) =
-        (Timed(simulator(engine, ROBOT)), Task::default(), InitialStates::default());
-    let lesson =
-        Lesson { simulator: &timed, task: &task, initial_states: &initial_states, seed: Seed::root(1) };
+    costs(engine, STEPS, |simulator| {
+        let (task, initial_states) = (&Task::default(), &InitialStates::default());
+        let lesson = Lesson { simulator, task, initial_states, seed: Seed::root(1) };
+        config.train(&lesson, &mut Unwatched).map(|_| ())
+    })
+}
+
+/// What `learn`, which takes `steps` control steps, costs on one of them.
+pub fn costs(
+    engine: &str,
+    steps: u64,
+    learn: impl FnOnce(&dyn SimulatorConfig) -> Result<(), TrainError>,
+) -> Result<Costs, Box<dyn Error>> {
+    let timed = Timed(simulator(engine, ROBOT));
     take_seconds();
     let (begin, begin_elapsed) = (of_thread(), Instant::now());
-    config.train(&lesson, &mut Unwatched)?;
+    learn(&timed)?;
     // The share is of elapsed time: asking for processor time at every step would take as long as some steps.
     let share = take_seconds() / begin_elapsed.elapsed().as_secs_f64();
-    let step = (of_thread() - begin) * 1e6 / STEPS as f64;
+    let step = (of_thread() - begin) * 1e6 / steps as f64;
     Ok(Costs { simulator: step * share, rest: step * (1.0 - share) })
 }
 

@@ -209,7 +209,7 @@ const PROGRESS_IS_HONEST: Check<Case> = Check {
     name: "progress_is_honest",
     rule: "Progress is reported, never goes back, and its total is the config's own estimate of simulator steps.",
     run: |case| {
-        let estimate = practising(case.learner.as_ref())?.simulator_steps(STEPS);
+        let estimate = practising(case.learner.as_ref())?.simulator_steps();
         tells_progress(&case.watched()?.progress, estimate)
     },
 };
@@ -340,8 +340,8 @@ mod tests {
     }
 
     impl Practise for Drifter {
-        fn simulator_steps(&self, steps: usize) -> u64 {
-            ROUNDS * steps as u64
+        fn simulator_steps(&self) -> u64 {
+            ROUNDS * STEPS as u64
         }
 
         fn begins_from_recordings(&self) -> bool {
@@ -363,11 +363,11 @@ mod tests {
                 let mut stream = seed.index(drift.round).stream();
                 drift.forces.iter_mut().for_each(|force| *force += 0.1 * stream.random::<f32>());
                 drift.round += 1;
-                let done = drift.round * practice.steps as u64;
+                let done = drift.round * STEPS as u64;
                 let steps = if self.is("curves_go_forward") { 1 } else { done };
                 drift.curve.push(CurvePoint { steps, mean_return: Some(1.0), mean_length: None });
                 let told = if self.is("progress_is_honest") { done + 1 } else { done };
-                let go_on = monitor.progress(told, self.simulator_steps(practice.steps));
+                let go_on = monitor.progress(told, self.simulator_steps());
                 if !self.is("stops_are_obeyed") || drift.round > 1 {
                     go_on?;
                 }

@@ -1,0 +1,79 @@
+//! What the critic says of the states of an iteration: `Q(s,o|τ)`, and `V(s|τ)` by the interests (Eq. 6.5).
+
+use super::advantages::Values;
+use super::drawing;
+use super::learner::Learner;
+use super::practice::{Experience, LastState};
+
+/// States that are valued at once.
+const BATCH: usize = 256;
+
+/// `Q(s,·|τ)` and `V(s|τ)` of some states.
+struct Worth {
+    option_values: Vec<f32>,
+    state_values: Vec<f64>,
+}
+
+impl Worth {
+    /// Of the states with these rows of normalised observations and of critic inputs.
+    fn of(learner: &mut Learner, observations: &[f32], critic_inputs: &[f32]) -> Self {
+        let (width, critic_width) =
+            (learner.interests[0].network.input_size(), learner.critic.network.input_size());
+        let options = learner.options();
+        let (mut log_interests, mut probabilities) = (vec![0.0; BATCH * options], vec![0.0; options]);
+        let mut worth = Self { option_values: Vec::new(), state_values: Vec::new() };
+        let batches = observations.chunks(BATCH * width).zip(critic_inputs.chunks(BATCH * critic_width));
+        for (observations, critic_inputs) in batches {
+            for (option, interest) in learner.interests.iter_mut().enumerate() {
+                let places = log_interests[option..].iter_mut().step_by(options);
+                places.zip(interest.forward(observations)).for_each(|(z, output)| *z = f64::from(*output));
+            }
+            let option_values = learner.critic.forward(critic_inputs);
+            for (z, q) in log_interests.chunks_exact(options).zip(option_values.chunks_exact(options)) {
+                drawing::probabilities(z, &mut probabilities);
+                let value = probabilities.iter().zip(q).map(|(p, q)| p * f64::from(*q)).sum();
+                worth.state_values.push(value);
+            }
+            worth.option_values.extend(option_values);
+        }
+        worth
+    }
+
+    fn values(&self, state: usize, option: usize) -> Values {
+        let options = self.option_values.len() / self.state_values.len();
+        Values {
+            option: f64::from(self.option_values[state * options + option]),
+            state: self.state_values[state],
+        }
+    }
+}
+
+/// Fills in the values of all steps. Those after a step are what the critic says of the next state with the option that was
+/// running, and 0 where the task ended the episode.
+pub(super) fn value(learner: &mut Learner, experience: &mut Experience) {
+    let (mut cut_observations, mut cut_critic_inputs) = (Vec::new(), Vec::new());
+    for end in &experience.ends {
+        if let LastState::Cut { observation, critic_input } = end {
+            cut_observations.extend(observation);
+            cut_critic_inputs.extend(critic_input);
+        }
+    }
+    let along = Worth::of(learner, &experience.observations, &experience.critic_inputs);
+    let beyond = Worth::of(learner, &cut_observations, &cut_critic_inputs);
+
+    let (mut ends, mut cut) = (experience.ends.iter(), 0);
+    for (row, (step, &option)) in experience.steps.iter_mut().zip(&experience.options).enumerate() {
+        step.here = along.values(row, option);
+        step.after = if step.last {
+            match ends.next() {
+                Some(LastState::Cut { .. }) => {
+                    cut += 1;
+                    beyond.values(cut - 1, option)
+                }
+                Some(LastState::Terminal) | None => Values::default(),
+            }
+        } else {
+            along.values(row + 1, option)
+        };
+    }
+}
