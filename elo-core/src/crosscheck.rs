@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::crew::{RunError, Unit};
+use crate::crew::RunError;
 use crate::discover::{CANDIDATES_PER_UNIT, ContextSet, Discovery, Run, value};
 use crate::performer::Performer;
 use crate::rollout::Rollout;
@@ -11,7 +11,7 @@ use crate::statistics::agreement::{kendall_tau_b, sign_test, spearman};
 use crate::statistics::bootstrap::{Interval, bootstrap};
 use crate::statistics::ranking::top_k_positions;
 use crate::statistics::summary::{mean, quantile};
-use crate::units::trace::{self, Trace};
+use crate::units::trace::Seen;
 
 /// Two trajectories have parted once a component of their observations differs by more than this. Observations of robots
 /// with legs lie between -5 and 5.
@@ -92,7 +92,7 @@ struct Measured {
     same_starts: bool,
     returns: Vec<Vec<f64>>,
     failures: f64,
-    seen: Vec<trace::Seen>,
+    seen: Vec<Seen>,
 }
 
 /// Measures all candidates of a finished run in `contexts` of its held-out contexts, on its own engine and on `others`.
@@ -125,7 +125,8 @@ pub fn crosscheck(
         if measured.is_empty() {
             best = top_k_positions(&scores(&returns)?, set_size);
         }
-        let seen = traces(&there, discovery, &starts, &best)?;
+        let options = best.iter().map(|id| Performer::candidate(&discovery.candidates[*id]));
+        let seen = there.observations(&options.collect::<Vec<_>>(), &starts)?;
         let engine = experiment.simulator.engine();
         measured.push(Measured { engine, same_starts, returns, failures, seen });
     }
@@ -156,21 +157,6 @@ fn returns(
     };
     let returns = rollouts.iter().map(priced).collect();
     Ok((returns, failed / count))
-}
-
-/// What the options at `positions` see in each context of the first block.
-fn traces(
-    run: &Run<'_>,
-    discovery: &Discovery,
-    contexts: &ContextSet,
-    positions: &[usize],
-) -> Result<Vec<trace::Seen>, RunError> {
-    let mut inputs = vec![contexts.keys[0]];
-    let subjects =
-        positions.iter().map(|id| Performer::candidate(&discovery.candidates[*id]).subject(&mut inputs));
-    let play = run.play(subjects.collect(), run.seed.child("trace"));
-    let keys = run.crew.complete("trajectories", &[Unit { work: Trace(play).into(), inputs }])?;
-    Ok(trace::decode(&run.crew.result(&keys[0])?)?)
 }
 
 fn scores(returns: &[Vec<f64>]) -> Result<Vec<f64>, RunError> {

@@ -29,8 +29,8 @@ const PRESETS: [(&str, &str); 3] = [
 /// What the quick scale changes.
 const QUICK: &str = "
     teacher = { steps = 300_000, snapshots = 6, d0_pool = 100 }
-    discover = { teachers = 2, candidates = 60, contexts = 60 }
-    report = { contexts = 100, random_subsets = 4 }
+    discover = { teachers = 2, candidates = 40, contexts = 40 }
+    report = { contexts = 60, random_subsets = 4 }
 ";
 
 /// `reproduction.json`.

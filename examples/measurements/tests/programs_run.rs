@@ -1,6 +1,13 @@
-//! Both programs run, at the smallest sizes that mean anything.
+//! All programs run, at the smallest sizes that mean anything.
 
+use std::path::Path;
 use std::process::Command;
+
+use elo_core::crew::Unwatched;
+use elo_core::discover::{Run, discover};
+use elo_core::report::report;
+use elo_core::results;
+use measurements::{Failure, PLUGINS, with_crew};
 
 fn lines(program: &str, arguments: &[&str]) -> Vec<String> {
     let output = Command::new(program).args(arguments).output().expect("cargo built it");
@@ -31,4 +38,67 @@ fn random_policy() {
     // The robot stands for some steps and falls.
     assert_eq!((value("falls"), value("alive_after_5"), value("alive_after_200")), (1.0, 1.0, 0.0));
     assert!(value("mean_length") > 5.0 && value("alive_a_step") > 0.5, "{lines:?}");
+}
+
+/// One set of two closed-loop options for the half-cheetah.
+const SET: &str = r#"seed = 1
+[simulator]
+kind = "rapier"
+robot = "half-cheetah"
+
+[tasks.electricity_cost]
+low = -2.4
+high = -1.4
+
+[initial_states]
+max_random_steps = 0
+
+[option_learner]
+kind = "interest"
+steps = 400
+rollout_steps = 200
+context_pool = 2
+hidden = [8]
+
+[discover]
+candidates = 1
+contexts = 2
+steps = 20
+set_size = 2
+
+[report]
+contexts = 2
+
+[[metrics]]
+kind = "maximum_mean"
+"#;
+
+fn finish_run(folder: &Path) -> Result<(), Failure> {
+    let config = folder.join("experiment.toml");
+    std::fs::write(&config, SET)?;
+    let experiment = elo_cli::load::experiment(&config, &[], &PLUGINS)?;
+    with_crew(&experiment, folder, &Unwatched, |crew| {
+        let (run, discovery) = (Run::new(&experiment, crew)?, discover(&experiment, crew)?);
+        Ok(results::write(&run, &discovery, &report(&run, &discovery)?)?)
+    })
+}
+
+#[test]
+fn specialisation() {
+    let folder = tempfile::tempdir().expect("a folder for a run");
+    finish_run(folder.path()).expect("a small run");
+    let path = folder.path().to_string_lossy();
+    let lines = lines(env!("CARGO_BIN_EXE_specialisation"), &[&path]);
+    assert_eq!(lines[0], "run,option,share,height,pitch,contacts,information,actions");
+    let rows: Vec<Vec<f64>> = lines[1..]
+        .iter()
+        .map(|line| line.split(',').skip(1).map(|value| value.parse().expect("a number")).collect())
+        .collect();
+    let [first, second] = &rows[..] else { panic!("{lines:?}") };
+    assert_eq!((first[0], second[0]), (0.0, 1.0));
+    // Interests that have hardly learned are nearly 1, and options last for ten continuations, as they begin.
+    assert!((first[1] + second[1] - 1.0).abs() < 1e-3 && (first[1] - 0.5).abs() < 0.1, "{rows:?}");
+    assert!((0.0..0.05).contains(&first[5]) && (first[6] - 11.0).abs() < 2.0, "{rows:?}");
+    // It has hardly left where it begins, and touches the floor at times.
+    assert!(first[2].abs() < 0.3 && first[3].abs() < 0.5 && (0.01..1.0).contains(&first[4]), "{rows:?}");
 }

@@ -10,16 +10,12 @@
 //! beside this one. Seeds are trained in turn on one core each, as many at a time as there are cores.
 
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
-use elo_cli::hosts::Programs;
 use elo_core::context::{Context, PreparedStart};
-use elo_core::crew::{Crew, Staff, Unit, Watcher};
+use elo_core::crew::{Unit, Watcher};
 use elo_core::discover::{Run, duplicate};
 use elo_core::experiment::TeacherActs;
-use elo_core::fingerprint::fingerprint;
 use elo_core::rollout::{Ending, Horizon, Rollout, price};
-use elo_core::run_dir::RunDir;
 use elo_core::seed::Seed;
 use elo_core::statistics::StatisticsError;
 use elo_core::statistics::summary::{mean, sample_sd};
@@ -28,7 +24,7 @@ use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
 use elo_core::units::play::Play;
 use elo_core::units::prepare;
 use elo_core::units::train::TeacherResult;
-use measurements::Failure;
+use measurements::{Failure, PLUGINS, with_crew};
 
 /// Episodes behind each point of a curve.
 const EPISODES: u64 = 20;
@@ -38,18 +34,16 @@ fn main() -> Result<(), Failure> {
     let [config, seeds, overrides @ ..] = arguments.as_slice() else {
         return Err("expected: CONFIG SEEDS [PATH=VALUE]…, e.g. examples/paper/ant.toml 3".into());
     };
-    let plugins = [elo_core::plugin::PLUGINS, elo_backends::PLUGINS, elo_learners::PLUGINS];
-    let experiment = elo_cli::load::experiment(Path::new(config), overrides, &plugins)?;
-
+    let experiment = elo_cli::load::experiment(Path::new(config), overrides, &PLUGINS)?;
     let folder = tempfile::tempdir()?;
-    let run_dir = RunDir::open(folder.path().join("run"))?;
-    let (stop, hosts) = (AtomicBool::new(false), Programs::of(&experiment));
-    let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    let staff = Staff { workers, formats: elo_cli::formats(&plugins), program: fingerprint() };
-    let crew = Crew::new(staff, &run_dir, &hosts, &Told, &stop);
-    let run = Run::new(&experiment, &crew)?;
+    with_crew(&experiment, &folder.path().join("run"), &Told, |crew| {
+        print_curves(&Run::new(&experiment, crew)?, seeds.parse()?)
+    })
+}
 
-    let seeds: Vec<u64> = (1..=seeds.parse()?).collect();
+fn print_curves(run: &Run<'_>, seeds: u64) -> Result<(), Failure> {
+    let (experiment, crew) = (run.experiment, run.crew);
+    let seeds: Vec<u64> = (1..=seeds).collect();
     let roots: Vec<Seed> = seeds.iter().map(|seed| Seed::root(*seed).child("learning-curves")).collect();
     let trainings: Vec<Unit> = roots
         .iter()
@@ -64,7 +58,7 @@ fn main() -> Result<(), Failure> {
         let snapshots = result.trained.ok_or("a training diverged")?.snapshots;
         let contexts = crew.import(&prepare::encode(&contexts(root)))?;
         let unit = |snapshot: usize| {
-            let work = episodes(&run, root, snapshot)?.into();
+            let work = episodes(run, root, snapshot)?.into();
             Ok(Unit { work, inputs: vec![contexts, *key] })
         };
         let units: Vec<Unit> = (0..snapshots.len()).map(unit).collect::<Result<_, Failure>>()?;
