@@ -23,12 +23,10 @@ use crate::spec::SimulatorSpec;
 use crate::task::Task;
 use crate::units::Span;
 use crate::units::evaluate::{Evaluate, RolloutTable, Subject};
-use crate::units::learn::{self, Learn};
+use crate::units::learn;
 use crate::units::play::Play;
-use crate::units::practise::{Practise, SetResult, Story};
+use crate::units::practise::Story;
 use crate::units::prepare::{self, Prepare, TaskSource};
-use crate::units::record::{self, Record, Recording};
-use crate::units::train::{TeacherResult, Train};
 
 /// Contexts of one unit. Candidates are measured in whole blocks of so many contexts.
 pub const CONTEXTS_PER_UNIT: usize = 50;
@@ -148,7 +146,7 @@ pub fn discover(experiment: &Experiment, crew: &Crew<'_>) -> Result<Discovery, R
     }
     let (candidates, given_up) = match experiment.option_learner.way() {
         //    … and define an option that reproduces the behaviour in h_i.
-        Way::Imitates(_) => run.learn_options(&recordings)?,
+        Way::Imitates(_) | Way::Apprentices(_) => run.learn_options(&teachers, &recordings)?,
         //    Or learn N sets of K options that maximise J(θ) (Eq. 6.1).
         Way::Practises(_) => run.practise_sets(&recordings)?,
     };
@@ -187,13 +185,6 @@ impl<'a> Run<'a> {
         Ok(Self { experiment, crew, spec, seed: Seed::root(experiment.seed) })
     }
 
-    /// `W`.
-    fn draw_tasks(&self) -> Vec<Task> {
-        let seed = self.seed.child("tasks");
-        let draw = |m| self.experiment.tasks.draw(&mut seed.index(m as u64).stream());
-        (0..self.experiment.discover.teachers).map(draw).collect()
-    }
-
     /// `[teacher]`, for stages that cannot do without.
     ///
     /// # Errors
@@ -201,163 +192,6 @@ impl<'a> Run<'a> {
     pub fn teacher(&self) -> Result<Box<dyn TeacherConfig>, RunError> {
         let none = || RunError::Config(format!("`teacher`: {NO_TEACHER}"));
         self.experiment.teacher.as_ref().map(duplicate).ok_or_else(none)
-    }
-
-    /// The training of a teacher for `task`, with its streams below `seed`.
-    ///
-    /// # Errors
-    /// No `[teacher]`.
-    pub fn training(&self, task: &Task, seed: Seed) -> Result<Unit, RunError> {
-        let work = Train {
-            simulator: duplicate(&self.experiment.simulator),
-            teacher: self.teacher()?,
-            task: task.clone(),
-            initial_states: self.experiment.initial_states.clone(),
-            seed,
-        };
-        Ok(Unit { work: work.into(), inputs: Vec::new() })
-    }
-
-    fn train_teachers(&self, tasks: &[Task]) -> Result<Vec<Teacher>, RunError> {
-        let unit =
-            |(m, task): (usize, &Task)| self.training(task, self.seed.child("teacher").index(m as u64));
-        let units: Vec<Unit> = tasks.iter().enumerate().map(unit).collect::<Result<_, _>>()?;
-        let keys = self.crew.complete("teachers", &units)?;
-        let mut teachers = Vec::new();
-        for (task, key) in tasks.iter().zip(keys) {
-            let result = TeacherResult::decode(&self.crew.result(&key)?)?;
-            let curve = result.trained.as_ref().map(|trained| trained.curve.as_slice()).unwrap_or_default();
-            teachers.push(Teacher {
-                task: task.clone(),
-                key,
-                diverged: result.diverged,
-                usable: result.trained.is_some(),
-                training_return: curve.iter().rev().find_map(|point| point.mean_return),
-            });
-        }
-        let usable = teachers.iter().filter(|teacher| teacher.usable).count();
-        let needed = self.experiment.discover.min_teachers.max(1);
-        if usable < needed {
-            let why: Vec<String> = teachers.iter().flat_map(|teacher| teacher.diverged.clone()).collect();
-            let why = why.join("; ");
-            return Err(RunError::Config(format!(
-                "only {usable} of {} teachers could be trained and `discover.min_teachers` asks for {needed}: {why}",
-                teachers.len()
-            )));
-        }
-        Ok(teachers)
-    }
-
-    fn record_trajectories(&self, teachers: &[Teacher]) -> Result<Vec<(Key, Vec<Recording>)>, RunError> {
-        let usable = || teachers.iter().filter(|teacher| teacher.usable);
-        let sizes = &self.experiment.discover;
-        let teacher = self.teacher()?;
-        let unit = |span: Span| Unit {
-            work: Record {
-                simulator: duplicate(&self.experiment.simulator),
-                teacher: duplicate(&teacher),
-                tasks: usable().map(|teacher| teacher.task.clone()).collect(),
-                initial_states: self.experiment.initial_states.clone(),
-                acts: sizes.teacher_acts,
-                horizon: sizes.horizon(),
-                max_retakes: sizes.max_retakes,
-                span,
-                seed: self.seed.child("candidate"),
-            }
-            .into(),
-            inputs: usable().map(|teacher| teacher.key).collect(),
-        };
-        let units: Vec<Unit> = self.experiment.recordings().into_iter().map(unit).collect();
-        let keys = self.crew.complete("recordings", &units)?;
-        let positions: Vec<usize> = (0..teachers.len()).filter(|m| teachers[*m].usable).collect();
-        keys.into_iter()
-            .map(|key| {
-                let mut recordings = record::decode(&self.crew.result(&key)?)?;
-                for recording in &mut recordings {
-                    recording.teacher = positions[recording.teacher];
-                }
-                Ok((key, recordings))
-            })
-            .collect()
-    }
-
-    fn learn_options(
-        &self,
-        recordings: &[(Key, Vec<Recording>)],
-    ) -> Result<(Vec<Candidate>, Vec<usize>), RunError> {
-        let spans = self.experiment.recordings();
-        let unit = |(span, (key, _)): (&Span, &(Key, _))| Unit {
-            work: Learn {
-                learner: duplicate(&self.experiment.option_learner),
-                spec: self.spec.clone(),
-                span: *span,
-                seed: self.seed.child("option"),
-            }
-            .into(),
-            inputs: vec![*key],
-        };
-        let units: Vec<Unit> = spans.iter().zip(recordings).map(unit).collect();
-        let keys = self.crew.complete("options", &units)?;
-        let (mut candidates, mut given_up) = (Vec::new(), Vec::new());
-        for ((span, key), (_, recordings)) in spans.iter().zip(keys).zip(recordings) {
-            for (item, recording) in recordings.iter().enumerate() {
-                let number = span.first + item;
-                if recording.demonstration.is_none() {
-                    given_up.push(number);
-                    continue;
-                }
-                let Recording { teacher, retakes, teacher_return, .. } = *recording;
-                let origin = Origin::Recording { teacher, retakes, teacher_return };
-                candidates.push(Candidate { number, origin, options: vec![(key, item)] });
-            }
-        }
-        if candidates.is_empty() {
-            return Err(RunError::Config(format!(
-                "every recording of every teacher fell before {} steps: train longer or lower `discover.steps`",
-                self.experiment.discover.steps
-            )));
-        }
-        Ok((candidates, given_up))
-    }
-
-    /// Sets of options that are learned together; each begins from its own recordings where there are any.
-    fn practise_sets(
-        &self,
-        recordings: &[(Key, Vec<Recording>)],
-    ) -> Result<(Vec<Candidate>, Vec<usize>), RunError> {
-        let sizes = &self.experiment.discover;
-        let unit = |number: usize| Unit {
-            work: Practise {
-                simulator: duplicate(&self.experiment.simulator),
-                learner: duplicate(&self.experiment.option_learner),
-                tasks: self.experiment.tasks.clone(),
-                initial_states: self.experiment.initial_states.clone(),
-                set_size: sizes.set_size,
-                steps: sizes.steps,
-                seed: self.seed.child("set").index(number as u64),
-            }
-            .into(),
-            inputs: recordings.get(number).map(|(key, _)| *key).into_iter().collect(),
-        };
-        let units: Vec<Unit> = (0..sizes.candidates).map(unit).collect();
-        let keys = self.crew.complete("option sets", &units)?;
-        let (mut candidates, mut given_up) = (Vec::new(), Vec::new());
-        let mut diverged = Vec::new();
-        for (number, key) in keys.into_iter().enumerate() {
-            let SetResult { options, story } = SetResult::decode(&self.crew.result(&key)?)?;
-            if options.is_empty() {
-                given_up.push(number);
-                diverged.extend(story.diverged);
-                continue;
-            }
-            let options = (0..options.len()).map(|item| (key, item)).collect();
-            candidates.push(Candidate { number, origin: Origin::Practice(story), options });
-        }
-        if candidates.is_empty() {
-            let why = diverged.join("; ");
-            return Err(RunError::Config(format!("no set could be learned, every training diverged: {why}")));
-        }
-        Ok((candidates, given_up))
     }
 
     fn selection_tasks(&self, teachers: &[Teacher]) -> TaskSource {

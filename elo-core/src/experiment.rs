@@ -222,7 +222,7 @@ impl Experiment {
     /// Whether the run trains teachers and records them.
     pub fn records(&self) -> bool {
         match self.option_learner.way() {
-            Way::Imitates(_) => true,
+            Way::Imitates(_) | Way::Apprentices(_) => true,
             Way::Practises(learner) => learner.begins_from_recordings(),
         }
     }
@@ -230,7 +230,7 @@ impl Experiment {
     /// How many candidates the best of which make a set: `K` options, or one set that was learned as a whole.
     pub fn candidates_of_a_set(&self) -> usize {
         match self.option_learner.way() {
-            Way::Imitates(_) => self.discover.set_size,
+            Way::Imitates(_) | Way::Apprentices(_) => self.discover.set_size,
             Way::Practises(_) => 1,
         }
     }
@@ -240,18 +240,18 @@ impl Experiment {
         let Discover { candidates, set_size, .. } = self.discover;
         match self.option_learner.way() {
             _ if !self.records() => Vec::new(),
-            Way::Imitates(_) => Span::cut(candidates, RECORDINGS_PER_UNIT),
+            Way::Imitates(_) | Way::Apprentices(_) => Span::cut(candidates, RECORDINGS_PER_UNIT),
             Way::Practises(_) => Span::cut(candidates * set_size, set_size),
         }
     }
 
-    /// What one way of learning options needs and the other does not.
+    /// What one way of learning options needs and another does not.
     fn validate_way(&self, faults: &mut Faults) {
         faults.check(self.teacher.is_some() || !self.records(), "teacher", || NO_TEACHER.to_owned());
         faults.check(self.discover.tasks == EvaluationTasks::P || self.records(), "discover.tasks", || {
             "expected \"P\", got \"W\": this option learner needs no teachers, so there are no tasks of theirs".to_owned()
         });
-        let imitates = |learner: &dyn OptionLearner| matches!(learner.way(), Way::Imitates(_));
+        let imitates = |learner: &dyn OptionLearner| !matches!(learner.way(), Way::Practises(_));
         let own = imitates(self.option_learner.as_ref());
         let Discover { candidates, set_size, .. } = self.discover;
         faults.check(!own || set_size <= candidates, "discover.set_size", || {

@@ -5,6 +5,7 @@
 //! it their [`plugin::Plugin`] slices.
 
 pub mod agent;
+mod candidates;
 pub mod compare;
 pub mod config;
 pub mod conformance;

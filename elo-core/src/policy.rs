@@ -221,11 +221,13 @@ pub trait OptionLearner: fmt::Debug + Send + Sync {
     fn way(&self) -> Way<'_>;
 }
 
-/// The two ways of learning options.
+/// The ways of learning options.
 #[derive(Clone, Copy)]
 pub enum Way<'a> {
     /// One option of each recording of a teacher, as Algorithm 1 does. Sets are chosen among the options.
     Imitates(&'a dyn Imitate),
+    /// The same, with the teacher at hand: the option is tried, and the teacher says what it would have done.
+    Apprentices(&'a dyn Apprentice),
     /// A whole set at once, from rollouts of its own. One is chosen among the sets.
     Practises(&'a dyn Practise),
 }
@@ -242,6 +244,36 @@ pub trait Imitate: Send + Sync {
         spec: &SimulatorSpec,
         seed: &Seed,
     ) -> Result<Box<dyn OptionPolicy>, String>;
+}
+
+/// Learns an option from a recording and from the teacher's corrections.
+pub trait Apprentice: Send + Sync {
+    /// Simulator steps that learning one option takes at most, for rollouts of `steps` control steps; for estimates.
+    fn simulator_steps(&self, steps: usize) -> u64;
+
+    /// Makes the option that reproduces `demonstration` and does what `tutor` would do where it itself comes to.
+    ///
+    /// # Errors
+    /// A sentence that says why it cannot be reproduced.
+    fn learn(
+        &self,
+        demonstration: &Demonstration,
+        tutor: &mut dyn Tutor,
+        seed: &Seed,
+    ) -> Result<Box<dyn OptionPolicy>, String>;
+}
+
+/// A teacher, and the world in which its apprentice tries itself.
+pub trait Tutor {
+    /// The world's description.
+    fn spec(&self) -> &SimulatorSpec;
+
+    /// Runs `option` in the teacher's task, from a start drawn from `d0`, until it ends or falls. Returns what it saw, and what
+    /// the teacher would have done there, by its mean; a simulator that fails cuts that short, to nothing in the extreme.
+    ///
+    /// # Errors
+    /// When no start could be drawn.
+    fn correct(&mut self, option: &dyn OptionPolicy, seed: &Seed) -> Result<Demonstration, String>;
 }
 
 /// Learns a set of options from rollouts.

@@ -176,7 +176,7 @@ pub struct HeldOut {
 fn random_subsets(run: &Run<'_>, candidates: usize) -> Vec<Vec<usize>> {
     let seed = run.seed.child("random subsets");
     let count = match run.experiment.option_learner.way() {
-        Way::Imitates(_) => run.experiment.report.random_subsets,
+        Way::Imitates(_) | Way::Apprentices(_) => run.experiment.report.random_subsets,
         Way::Practises(_) => 0,
     };
     (0..count)

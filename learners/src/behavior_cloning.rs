@@ -91,14 +91,26 @@ impl Imitate for BehaviorCloningConfig {
         if let Some(fault) = faults.found().first() {
             return Err(fault.to_string());
         }
-        let normalizer = normalizer_of(std::slice::from_ref(demonstration), spec.observation_size);
-        let network = self.fit(demonstration, &normalizer, seed)?;
-        let network = NormalizedMlp::new(normalizer, network);
-        Ok(Box::new(MlpPolicy::new(network, demonstration.steps)))
+        Ok(Box::new(MlpPolicy::new(self.network(demonstration, seed)?, demonstration.steps)))
     }
 }
 
 impl BehaviorCloningConfig {
+    /// A network that answers the observations of a demonstration, on their own scale, as it did.
+    ///
+    /// # Errors
+    /// Numbers that stopped being finite.
+    pub(crate) fn network(
+        &self,
+        demonstration: &Demonstration,
+        seed: &Seed,
+    ) -> Result<NormalizedMlp, String> {
+        let inputs = demonstration.observations.len() / demonstration.steps;
+        let normalizer = normalizer_of(std::slice::from_ref(demonstration), inputs);
+        let network = self.fit(demonstration, &normalizer, seed)?;
+        Ok(NormalizedMlp::new(normalizer, network))
+    }
+
     /// A network that answers the normalised observations of a demonstration as it did.
     ///
     /// # Errors

@@ -14,6 +14,7 @@
 
 mod acting;
 pub mod behavior_cloning;
+pub mod dagger;
 mod demonstration;
 pub mod interest;
 pub mod kernels;
@@ -41,6 +42,10 @@ pub const PLUGINS: &[Plugin] = &[
     Plugin::option_learner::<behavior_cloning::BehaviorCloningConfig>(
         "behavior_cloning",
         "a small network that acts as the teacher acted where it saw the same",
+    ),
+    Plugin::option_learner::<dagger::DaggerConfig>(
+        "dagger",
+        "clones that are tried and corrected by the teacher, several times (Ross et al. 2011)",
     ),
     Plugin::option_learner::<interest::InterestConfig>(
         "interest",

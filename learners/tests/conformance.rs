@@ -18,6 +18,7 @@ fn quick_fields(kind: &str) -> serde_json::Value {
             "steps": 400, "rollout_steps": 100, "context_pool": 5, "epochs": 2, "hidden": [8], "checkpoint_every": 100,
         }),
         "behavior_cloning" => serde_json::json!({ "hidden": [8], "epochs": 5 }),
+        "dagger" => serde_json::json!({ "rounds": 2, "rollouts": 1 }),
         _ => serde_json::json!({}),
     }
 }

@@ -206,6 +206,32 @@ fn sets_that_begin_from_recordings_have_teachers_and_recordings_of_their_own() {
 }
 
 #[test]
+fn apprentices_learn_the_same_options_whoever_does_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let learner = "[option_learner]\nkind = \"dagger\"\nrounds = 2\nrollouts = 2\ncloning = { epochs = 20, hidden = [8] }\n";
+    let text = toy_with(&[
+        ("[option_learner]\nkind = \"open_loop\"\n", learner),
+        ("steps = 16_384", "steps = 2048"),
+        ("candidates = 24\n", "candidates = 12\n"),
+    ]);
+    let config = write(folder.path(), "apprentices.toml", &text);
+    let [one, three] = ["1", "3"].map(|workers| {
+        let out = folder.path().join(workers);
+        run(discover(elo(), &config, &out).args(["--workers", workers])).expect_success();
+        out.join("results")
+    });
+    assert_same(&one, &three, "three workers");
+    let report: Report = json(&one.join("report.json"));
+    assert!(report.baselines.iter().any(|row| row.name == "random K-subsets"));
+
+    let ran = run(elo_with(&["discover", "--plan"]).arg(&config)).expect_success();
+    // Each of 12 tries itself in 2 times 2 rollouts of 20 steps.
+    let line =
+        ran.stdout.lines().find(|line| line.starts_with("options ")).unwrap_or_else(|| panic!("{ran}"));
+    assert!(line.contains(" 960 simulator steps at most"), "{ran}");
+}
+
+#[test]
 fn a_run_says_what_its_way_of_learning_needs() {
     let folder = tempfile::tempdir().unwrap();
     let said = |text: &str, overrides: &[&str]| {

@@ -27,9 +27,11 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     let prefix = u64::from(experiment.initial_states.max_random_steps) / 2;
     let (n, z, t) = (sizes.candidates as u64, sizes.contexts as u64, sizes.steps as u64);
     let metrics = experiment.metrics.len() as u64;
-    let (subsets, practice) = match experiment.option_learner.way() {
-        Way::Imitates(_) => (experiment.report.random_subsets as u64, 0),
-        Way::Practises(learner) => (0, n * learner.simulator_steps()),
+    let subsets = experiment.report.random_subsets as u64;
+    let (subsets, corrected, practised) = match experiment.option_learner.way() {
+        Way::Imitates(_) => (subsets, 0, 0),
+        Way::Apprentices(learner) => (subsets, n * learner.simulator_steps(sizes.steps), 0),
+        Way::Practises(learner) => (0, 0, n * learner.simulator_steps()),
     };
     let recorded: u64 = experiment.recordings().iter().map(|span| span.count as u64).sum();
     let teachers = if experiment.records() { sizes.teachers as u64 } else { 0 };
@@ -41,7 +43,8 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     let stages = [
         ("teachers", teachers * training),
         ("recordings", recorded * (prefix + t)),
-        ("option sets", practice),
+        ("options", corrected),
+        ("option sets", practised),
         ("contexts", (z + report_contexts) * prefix),
         ("selection rollouts", selection_rollouts * t),
         ("report rollouts", report_rows * report_contexts * t),
@@ -50,7 +53,7 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     let terms = spec.reward_terms.len() as u64;
     let recorded = recorded * t * (spec.observation_size + spec.action_size()) as u64 * 4;
     let tables = rollouts * (8 * terms + 9) * 2;
-    let trained = (teachers + if practice > 0 { n } else { 0 }) * (8 << 20);
+    let trained = (teachers + if practised > 0 { n } else { 0 }) * (8 << 20);
 
     let mut text = format!("{}, {} workers\n", spec.robot, workers);
     let step = seconds_per_step(experiment);

@@ -5,6 +5,7 @@
 //! holds that stage's own parameters and nothing else, because the unit's key is their hash: what is not in here cannot
 //! cause work to be done again.
 
+pub mod apprentice;
 mod attempts;
 pub mod codec;
 pub mod describe;
@@ -43,6 +44,8 @@ pub enum Work {
     Record(record::Record),
     /// The options of those recordings.
     Learn(learn::Learn),
+    /// The same, with the teachers at hand.
+    Apprentice(apprentice::Apprentice),
     /// One set of options that are learned together.
     Practise(practise::Practise),
     /// Some contexts.
@@ -67,6 +70,7 @@ impl Work {
             Self::Train(_) => "train",
             Self::Record(_) => "record",
             Self::Learn(_) => "learn",
+            Self::Apprentice(_) => "apprentice",
             Self::Practise(_) => "practise",
             Self::Prepare(_) => "prepare",
             Self::Evaluate(_) => "evaluate",
@@ -83,6 +87,7 @@ impl Work {
         match self {
             Self::Train(work) => Some(work.simulator.as_ref()),
             Self::Record(work) => Some(work.simulator.as_ref()),
+            Self::Apprentice(work) => Some(work.recording.simulator.as_ref()),
             Self::Practise(work) => Some(work.simulator.as_ref()),
             Self::Prepare(work) => Some(work.simulator.as_ref()),
             Self::Evaluate(Evaluate { play, .. })
@@ -98,6 +103,7 @@ impl Work {
         let other = match self {
             Self::Train(work) => vec![work.teacher.hosted()],
             Self::Record(work) => vec![work.teacher.hosted()],
+            Self::Apprentice(work) => vec![work.recording.teacher.hosted()],
             Self::Evaluate(Evaluate { play, .. })
             | Self::Trace(Trace(play))
             | Self::Film(Film { rollouts: Evaluate { play, .. }, .. }) => {
@@ -124,6 +130,7 @@ impl Work {
             Self::Train(work) => &work.seed,
             Self::Record(work) => &work.seed,
             Self::Learn(work) => &work.seed,
+            Self::Apprentice(work) => &work.seed,
             Self::Practise(work) => &work.seed,
             Self::Prepare(work) => &work.seed,
             Self::Evaluate(Evaluate { play, .. })
@@ -149,6 +156,7 @@ impl Work {
             Self::Train(work) => work.perform(monitor),
             Self::Record(work) => work.perform(inputs, site, monitor),
             Self::Learn(work) => work.perform(inputs, monitor),
+            Self::Apprentice(work) => work.perform(inputs, site, monitor),
             Self::Practise(work) => work.perform(inputs, monitor),
             Self::Prepare(work) => work.perform(site, monitor),
             Self::Evaluate(work) => work.perform(inputs, site, monitor),
@@ -173,6 +181,7 @@ impl Work {
             Self::Train(_)
             | Self::Record(_)
             | Self::Learn(_)
+            | Self::Apprentice(_)
             | Self::Practise(_)
             | Self::Prepare(_)
             | Self::Trace(_)

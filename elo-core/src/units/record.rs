@@ -61,15 +61,23 @@ impl Record {
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
         let simulator = site.simulator(self.simulator.as_ref())?;
-        let teachers: Vec<Box<dyn TeacherPolicy>> = (0..self.tasks.len())
-            .map(|index| load(self.teacher.as_ref(), input(inputs, index)?, None, simulator.spec()))
-            .collect::<Result<_, _>>()?;
+        let teachers = self.teachers(inputs, simulator.spec())?;
         let mut recordings = Vec::with_capacity(self.span.count);
         for (_, seed) in self.span.seeds(&self.seed) {
             monitor.progress(recordings.len() as u64, self.span.count as u64)?;
             recordings.push(self.candidate(simulator, &teachers, &seed)?);
         }
         Ok(encode(&recordings))
+    }
+
+    /// The teachers, in the order of `tasks`.
+    pub(super) fn teachers(
+        &self,
+        inputs: &[Vec<u8>],
+        spec: &SimulatorSpec,
+    ) -> Result<Vec<Box<dyn TeacherPolicy>>, WorkError> {
+        let teacher = |index| load(self.teacher.as_ref(), input(inputs, index)?, None, spec);
+        (0..self.tasks.len()).map(teacher).collect()
     }
 
     /// Samples a random context `C_i = (τ, s0)`, executes `π*_τ` for `T` steps and records `h_i`.
@@ -143,8 +151,8 @@ pub(super) fn load(
 
 /// Notes observations and actions as they come.
 #[derive(Default)]
-struct Tape {
-    observations: Vec<f32>,
+pub(super) struct Tape {
+    pub observations: Vec<f32>,
     actions: Vec<f32>,
 }
 

@@ -40,8 +40,8 @@ fn random_policy() {
     assert!(value("mean_length") > 5.0 && value("alive_a_step") > 0.5, "{lines:?}");
 }
 
-/// One set of two closed-loop options for the half-cheetah.
-const SET: &str = r#"seed = 1
+/// A small run of the half-cheetah.
+const RUN: &str = r#"seed = 1
 [simulator]
 kind = "rapier"
 robot = "half-cheetah"
@@ -53,6 +53,15 @@ high = -1.4
 [initial_states]
 max_random_steps = 0
 
+[report]
+contexts = 2
+
+[[metrics]]
+kind = "maximum_mean"
+"#;
+
+/// One set of two closed-loop options.
+const SET: &str = r#"
 [option_learner]
 kind = "interest"
 steps = 400
@@ -65,17 +74,29 @@ candidates = 1
 contexts = 2
 steps = 20
 set_size = 2
-
-[report]
-contexts = 2
-
-[[metrics]]
-kind = "maximum_mean"
 "#;
 
-fn finish_run(folder: &Path) -> Result<(), Failure> {
+/// Two teachers, and recordings that are too short to fall.
+const TEACHERS: &str = r#"
+[teacher]
+kind = "ppo"
+steps = 4096
+d0_share = 0.0
+
+[option_learner]
+kind = "open_loop"
+
+[discover]
+teachers = 2
+candidates = 2
+contexts = 2
+steps = 5
+set_size = 1
+"#;
+
+fn finish_run(folder: &Path, learner: &str) -> Result<(), Failure> {
     let config = folder.join("experiment.toml");
-    std::fs::write(&config, SET)?;
+    std::fs::write(&config, RUN.to_owned() + learner)?;
     let experiment = elo_cli::load::experiment(&config, &[], &PLUGINS)?;
     with_crew(&experiment, folder, &Unwatched, |crew| {
         let (run, discovery) = (Run::new(&experiment, crew)?, discover(&experiment, crew)?);
@@ -86,7 +107,7 @@ fn finish_run(folder: &Path) -> Result<(), Failure> {
 #[test]
 fn specialisation() {
     let folder = tempfile::tempdir().expect("a folder for a run");
-    finish_run(folder.path()).expect("a small run");
+    finish_run(folder.path(), SET).expect("a small run");
     let path = folder.path().to_string_lossy();
     let lines = lines(env!("CARGO_BIN_EXE_specialisation"), &[&path]);
     assert_eq!(lines[0], "run,option,share,height,pitch,contacts,information,actions");
@@ -101,4 +122,22 @@ fn specialisation() {
     assert!((0.0..0.05).contains(&first[5]) && (first[6] - 11.0).abs() < 2.0, "{rows:?}");
     // It has hardly left where it begins, and touches the floor at times.
     assert!(first[2].abs() < 0.3 && first[3].abs() < 0.5 && (0.01..1.0).contains(&first[4]), "{rows:?}");
+}
+
+#[test]
+fn drift() {
+    let folder = tempfile::tempdir().expect("a folder for a run");
+    finish_run(folder.path(), TEACHERS).expect("a small run");
+    let path = folder.path().to_string_lossy();
+    let lines = lines(env!("CARGO_BIN_EXE_drift"), &[&path, "2", "behavior_cloning"]);
+    assert_eq!(lines[0], "teacher,start,teacher_return,teacher_steps,clone_return,clone_steps,seen,met");
+    let begins: Vec<String> =
+        lines[1..].iter().map(|line| line.split(',').take(2).collect::<Vec<_>>().join(" ")).collect();
+    assert_eq!(begins, ["0 own", "0 other", "1 own", "1 other"]);
+    for line in &lines[1..] {
+        let numbers: Vec<f64> =
+            line.split(',').skip(2).map(|value| value.parse().expect("a number")).collect();
+        let [_, taught, _, cloned, seen, met] = numbers[..] else { panic!("{line}") };
+        assert!((taught, cloned) == (5.0, 5.0) && seen < 0.2 && met >= 0.0, "{line}");
+    }
 }

@@ -3,6 +3,7 @@
 use super::super::check::{Check, Finding, Violation};
 use super::super::compare::{granted, refused};
 use super::super::config::round_trip;
+use super::apprentice::Strict;
 use super::{CONFIG_IS_VALID, Case, demonstration, malformed, same_option};
 use crate::policy::{Demonstration, OptionLearner, OptionPolicy, Way};
 use crate::seed::Seed;
@@ -17,7 +18,7 @@ pub const CHECKS: &[Check<Case>] = &[
     MALFORMED_DEMONSTRATIONS_ARE_REFUSED,
 ];
 
-const CONFIG_SURVIVES_FILES: Check<Case> = Check {
+pub(super) const CONFIG_SURVIVES_FILES: Check<Case> = Check {
     name: "config_survives_files",
     rule: "Written as JSON or TOML and read back, the config learns the same option, bit for bit.",
     run: |case| {
@@ -29,7 +30,7 @@ const CONFIG_SURVIVES_FILES: Check<Case> = Check {
     },
 };
 
-const LEARNING_REPEATS: Check<Case> = Check {
+pub(super) const LEARNING_REPEATS: Check<Case> = Check {
     name: "learning_repeats",
     rule: "The same demonstration and seed give the same option, bit for bit, also after another demonstration and on \
            another thread.",
@@ -43,19 +44,19 @@ const LEARNING_REPEATS: Check<Case> = Check {
     },
 };
 
-const ONE_STEP_IS_ENOUGH: Check<Case> = Check {
+pub(super) const ONE_STEP_IS_ENOUGH: Check<Case> = Check {
     name: "one_step_is_enough",
     rule: "A demonstration of a single control step can be learned.",
     run: |case| learn(case, case.learner.as_ref(), 1).map(drop).map_err(Finding::from),
 };
 
-const LEARNED_OPTIONS_CONFORM: Check<Case> = Check {
+pub(super) const LEARNED_OPTIONS_CONFORM: Check<Case> = Check {
     name: "learned_options_conform",
     rule: "What is learned names a known format and keeps every rule of option policies.",
     run: |case| Ok(case.conforms(learn(case, case.learner.as_ref(), 12)?)?),
 };
 
-const MALFORMED_DEMONSTRATIONS_ARE_REFUSED: Check<Case> = Check {
+pub(super) const MALFORMED_DEMONSTRATIONS_ARE_REFUSED: Check<Case> = Check {
     name: "malformed_demonstrations_are_refused",
     rule: "A demonstration of no steps, of other lengths than its steps ask for, or with numbers that are not finite \
            is an error.",
@@ -81,6 +82,9 @@ fn imitate(
 ) -> Result<Learned, Violation> {
     match learner.way() {
         Way::Imitates(learner) => Ok(learner.learn(demonstration, &case.spec()?, &Seed::root(1))),
+        Way::Apprentices(learner) => {
+            Ok(learner.learn(demonstration, &mut Strict::new(case.spec()?), &Seed::root(1)))
+        }
         Way::Practises(_) => Err(Violation::new("the learner's way", "imitating", "practising")),
     }
 }

@@ -1,6 +1,7 @@
 //! The suites of every [`OptionLearner`], one for each way of learning; what is learned is put under the suite of
 //! [`super::option_policy`].
 
+pub mod apprentice;
 pub mod imitating;
 pub mod practising;
 
@@ -23,6 +24,7 @@ use crate::spec::SimulatorSpec;
 pub fn run(case: &Case) -> Report {
     let checks = match case.learner.way() {
         Way::Imitates(_) => imitating::CHECKS,
+        Way::Apprentices(_) => apprentice::CHECKS,
         Way::Practises(_) => practising::CHECKS,
     };
     Report::of(format!("{:?}", case.learner), checks, case)

@@ -82,7 +82,9 @@ impl Case {
 fn practising(learner: &dyn OptionLearner) -> Result<&dyn Practise, Violation> {
     match learner.way() {
         Way::Practises(learner) => Ok(learner),
-        Way::Imitates(_) => Err(Violation::new("the learner's way", "practising", "imitating")),
+        Way::Imitates(_) | Way::Apprentices(_) => {
+            Err(Violation::new("the learner's way", "practising", "imitating"))
+        }
     }
 }
 
