@@ -72,7 +72,7 @@ pub struct Discover {
     #[arg(long)]
     pub workers: Option<usize>,
     /// Print what the run would take (simulator steps, disk, time) and stop.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     pub plan: bool,
     /// Print the report as JSON instead of a table.
     #[arg(long)]

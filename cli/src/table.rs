@@ -60,13 +60,17 @@ pub fn report(report: &Report, confidence: f64) -> String {
 /// What the sets were chosen from.
 fn candidates(report: &Report) -> String {
     let (teachers, usable) = (report.teachers.len(), report.candidates.usable);
-    match report.candidates.teacher_return {
+    let text = match report.candidates.teacher_return {
         Some(recorded) => {
             format!(
                 "{teachers} teachers (mean return while recorded {recorded:.1}), {usable} candidate options"
             )
         }
         None => format!("{teachers} teachers, {usable} candidate sets learned by practice"),
+    };
+    match report.candidates.given_up.len() {
+        0 => text,
+        lost => format!("{text} ({lost} more given up: every recording fell, or every training diverged)"),
     }
 }
 

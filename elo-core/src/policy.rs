@@ -88,6 +88,11 @@ pub trait TeacherConfig: fmt::Debug + Send + Sync {
     /// Simulator steps that one training takes, for estimates.
     fn simulator_steps(&self) -> u64;
 
+    /// Starts that one training draws from `d0` beside these steps, for estimates.
+    fn starts(&self) -> u64 {
+        0
+    }
+
     /// Trains one teacher. The bytes depend on nothing but the lesson, also when it was interrupted at a checkpoint and
     /// taken up again.
     ///
@@ -248,8 +253,8 @@ pub trait Imitate: Send + Sync {
 
 /// Learns an option from a recording and from the teacher's corrections.
 pub trait Apprentice: Send + Sync {
-    /// Simulator steps that learning one option takes at most, for rollouts of `steps` control steps; for estimates.
-    fn simulator_steps(&self, steps: usize) -> u64;
+    /// How often learning one option asks to be corrected at most, for estimates.
+    fn corrections(&self) -> u64;
 
     /// Makes the option that reproduces `demonstration` and does what `tutor` would do where it itself comes to.
     ///
@@ -280,6 +285,11 @@ pub trait Tutor {
 pub trait Practise: Send + Sync {
     /// Simulator steps that learning one set takes, for estimates.
     fn simulator_steps(&self) -> u64;
+
+    /// Starts that learning one set draws from `d0` beside these steps, for estimates.
+    fn starts(&self) -> u64 {
+        0
+    }
 
     /// Whether a set begins from recordings of teachers, one an option.
     fn begins_from_recordings(&self) -> bool {

@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::demonstration;
+use crate::fields::check_hidden;
 use crate::kernels::running_moments::{Normalizer, RunningMoments};
 use crate::kernels::value_loss::value_loss;
 use crate::mlp_policy::MlpPolicy;
@@ -56,10 +57,7 @@ const LEAST_DEVIATION: f64 = 0.01;
 #[typetag::serde(name = "behavior_cloning")]
 impl OptionLearner for BehaviorCloningConfig {
     fn validate(&self, faults: &mut Faults) {
-        let sensible = self.hidden.len() <= 8 && self.hidden.iter().all(|width| (1..=4096).contains(width));
-        faults.check(sensible, "hidden", || {
-            format!("expected at most 8 widths from 1 to 4096, got {:?}", self.hidden)
-        });
+        check_hidden(faults, &self.hidden);
         faults.check((1..=1_000_000).contains(&self.epochs), "epochs", || {
             format!("expected 1 to 1000000, got {}", self.epochs)
         });

@@ -14,17 +14,18 @@ use crate::demonstration;
 use crate::mlp_policy::MlpPolicy;
 
 /// Options that do what the teacher would do where they themselves come to: clones of a recording that are tried from starts of
-/// `d0` in the teacher's task, corrected by the teacher and fitted again, several times (Ross et al. 2011).
+/// `d0` in the teacher's task, corrected by the teacher's mean action and fitted again, several times (Ross et al. 2011). They
+/// last as many steps as the recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DaggerConfig {
-    /// How often the clone is tried and fitted again.
+    /// How often the clone is tried and fitted again, after a first fit to the recording alone.
     #[schemars(range(min = 1, max = 1000))]
     pub rounds: u64,
     /// Rollouts of `discover.steps` in each round.
     #[schemars(range(min = 1, max = 1000))]
     pub rollouts: u64,
-    /// How a clone is fitted.
+    /// How a clone is fitted. There are more steps to fit than `behavior_cloning` has, so fewer passes are needed.
     pub cloning: BehaviorCloningConfig,
 }
 
@@ -50,8 +51,8 @@ impl OptionLearner for DaggerConfig {
 }
 
 impl Apprentice for DaggerConfig {
-    fn simulator_steps(&self, steps: usize) -> u64 {
-        self.rounds * self.rollouts * steps as u64
+    fn corrections(&self) -> u64 {
+        self.rounds * self.rollouts
     }
 
     fn learn(

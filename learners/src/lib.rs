@@ -16,6 +16,7 @@ mod acting;
 pub mod behavior_cloning;
 pub mod dagger;
 mod demonstration;
+mod fields;
 pub mod interest;
 pub mod kernels;
 mod load;

@@ -215,3 +215,14 @@ fn what_cannot_be_priced_compared_or_reproduced_is_refused() {
     );
     refused(&["reproduce", "--seeds", "0"], &[], "expected at least 1");
 }
+
+#[test]
+fn two_learners_of_a_kind_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let once_more = "\n[[experiments.other_learners]]\nkind = \"behavior_cloning\"\nepochs = 1\n";
+    let (out, _) = finished(folder.path(), "twice", &(config() + once_more));
+    let found: Experiments = json(&run(elo_with(&["experiments", "--json"]).arg(&out)).expect_success());
+    let [first, second] =
+        [1, 2].map(|number| row(&found, &format!("behavior_cloning {number}: maximum_mean")));
+    assert_ne!(first.mean_return, second.mean_return);
+}

@@ -397,7 +397,7 @@ fn a_plan_of_a_hundred_thousand_candidates_is_quick_and_small() {
     let begun = Instant::now();
     let ran = run(&mut command).expect_success();
     assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", begun.elapsed());
-    assert!(ran.stdout.contains("200 000 000 000 simulator steps at most"), "{ran}");
+    assert!(ran.stdout.contains("200 000 000 000 simulator steps"), "{ran}");
     assert!(ran.stdout.contains("MiB at most"), "{ran}");
     assert!(!Path::new("runs/toy").exists(), "a plan leaves nothing");
 }

@@ -7,7 +7,7 @@ use elo_core::context::{Context, PreparedStart};
 use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
 use elo_core::hosted::Hosted;
-use elo_core::policy::{Unwatched, Way};
+use elo_core::policy::{TeacherConfig, Unwatched, Way};
 use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::Task;
@@ -30,12 +30,13 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     let subsets = experiment.report.random_subsets as u64;
     let (subsets, corrected, practised) = match experiment.option_learner.way() {
         Way::Imitates(_) => (subsets, 0, 0),
-        Way::Apprentices(learner) => (subsets, n * learner.simulator_steps(sizes.steps), 0),
-        Way::Practises(learner) => (0, 0, n * learner.simulator_steps()),
+        Way::Apprentices(learner) => (subsets, n * learner.corrections() * (prefix + t), 0),
+        Way::Practises(learner) => (0, 0, n * (learner.simulator_steps() + learner.starts() * prefix)),
     };
     let recorded: u64 = experiment.recordings().iter().map(|span| span.count as u64).sum();
     let teachers = if experiment.records() { sizes.teachers as u64 } else { 0 };
-    let training = experiment.teacher.as_ref().map_or(0, |teacher| teacher.simulator_steps());
+    let training = |teacher: &dyn TeacherConfig| teacher.simulator_steps() + teacher.starts() * prefix;
+    let training = experiment.teacher.as_deref().map_or(0, training);
     let measured = (metrics + subsets) * experiment.candidates_of_a_set() as u64;
     let report_rows = measured.min(n) + 3 + teachers;
     let report_contexts = experiment.report.contexts as u64;
@@ -58,7 +59,7 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
     let mut text = format!("{}, {} workers\n", spec.robot, workers);
     let step = seconds_per_step(experiment);
     for (stage, steps) in stages.into_iter().filter(|(_, steps)| *steps > 0) {
-        let _ = write!(text, "{stage:<20} {:>16} simulator steps at most", grouped(steps));
+        let _ = write!(text, "{stage:<20} {:>16} simulator steps", grouped(steps));
         if let Ok(step) = &step {
             let time = Duration::from_secs_f64(steps as f64 * step / workers as f64);
             let _ = write!(text, ", {:>8}", duration(time));
@@ -74,8 +75,9 @@ pub fn plan(experiment: &Experiment, workers: usize) -> Result<String, Exit> {
             let time = Duration::from_secs_f64(total as f64 * step / workers as f64);
             let _ = writeln!(text, "{:<20} {:>16}", "time", format!("about {}", duration(time)));
             text.push_str(
-                "The time is that of the simulator alone, measured just now with random actions. Learning itself and\n\
-                 starts that fall and are drawn again come on top; what is done already is not taken off.\n",
+                "The time is that of the simulator alone, measured just now with random actions. Learning itself comes on top,\n\
+                 and so do starts and recordings that fall and are taken again; rollouts that fall are shorter than counted.\n\
+                 What is done already is not taken off.\n",
             );
         }
         Err(why) => {

@@ -148,7 +148,7 @@ impl Check<'_> {
         let known: Vec<&str> = named.keys().map(String::as_str).collect();
         let message = match known.as_slice() {
             [] => "is unknown; this table has no fields".to_owned(),
-            ["kind"] => "is unknown; this kind has no fields".to_owned(),
+            ["kind"] => "is unknown; this `kind` has no fields of its own".to_owned(),
             [only] => format!("is unknown; expected only {only}"),
             _ => format!("is unknown; expected one of {}", known.join(", ")),
         };

@@ -30,7 +30,8 @@ pub(super) fn words<'a>(document: &'a Document, schema: &'a Value) -> Option<Vec
 pub(super) fn expected(document: &Document, schema: &Value) -> String {
     let schema = document.follow(schema);
     if let Some(role) = role(schema) {
-        return format!("a table with the `kind` of a {role}");
+        let article = if role.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
+        return format!("a table with the `kind` of {article} {role}");
     }
     if let Some(words) = words(document, schema) {
         return one_of(&words);

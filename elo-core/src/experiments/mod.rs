@@ -122,8 +122,9 @@ pub fn experiments(
     // Figures 5.2 and 5.3: the infant agent with each set, and everybody that it is compared with.
     let mut agents = view.infants()?;
     agents.push(view.mixed()?);
-    for learner in &run.experiment.experiments.other_learners {
-        agents.extend(view.of_learner(learner.as_ref())?);
+    let others = &run.experiment.experiments.other_learners;
+    for (learner, name) in others.iter().zip(names(others)) {
+        agents.extend(view.of_learner(learner.as_ref(), &name)?);
     }
     let with_options: Vec<Sample> = agents.iter().map(|agent| agent.sample.clone()).collect();
     agents.extend(view.baselines());
@@ -174,6 +175,21 @@ pub(crate) struct Measured {
     rows: Vec<Vec<Rollout>>,
 }
 
+/// The kinds of some learners; with a number where there are several of a kind.
+fn names(learners: &[Box<dyn OptionLearner>]) -> Vec<String> {
+    let kind = |learner: &dyn OptionLearner| {
+        let text = serde_json::to_value(learner).expect("a config is plain data");
+        text["kind"].as_str().unwrap_or("learner").to_owned()
+    };
+    let kinds: Vec<String> = learners.iter().map(|learner| kind(learner.as_ref())).collect();
+    let alike = |among: &[String], kind: &String| among.iter().filter(|other| *other == kind).count();
+    let name = |(index, kind): (usize, &String)| match alike(&kinds, kind) {
+        1 => kind.clone(),
+        _ => format!("{kind} {}", alike(&kinds[..=index], kind)),
+    };
+    kinds.iter().enumerate().map(name).collect()
+}
+
 /// The rollouts of what a metric chose, best candidate first.
 fn rows_of(choice: &Choice, rollouts: &BTreeMap<usize, Vec<Rollout>>) -> Vec<Vec<Rollout>> {
     choice.chosen.iter().map(|id| rollouts[id].clone()).collect()
@@ -211,9 +227,8 @@ impl View<'_> {
     }
 
     /// The sets of another learner, selected by the same metrics; of one that imitates, from the same recordings.
-    fn of_learner(&self, learner: &dyn OptionLearner) -> Result<Vec<Measured>, RunError> {
+    fn of_learner(&self, learner: &dyn OptionLearner, name: &str) -> Result<Vec<Measured>, RunError> {
         let text = serde_json::to_value(learner).expect("a config is plain data");
-        let kind = text["kind"].as_str().unwrap_or("learner").to_owned();
         let option_learner = serde_json::from_value(text).expect("a config reads back what it wrote");
         let experiment = Experiment { option_learner, ..duplicate(self.run.experiment) };
         let discovery = discover(&experiment, self.run.crew)?;
@@ -222,7 +237,7 @@ impl View<'_> {
         let rollouts = measure_options(&run, &discovery, contexts, &discovery.selection.chosen())?;
         let choices = discovery.selection.choices.iter();
         Ok(choices
-            .map(|choice| self.measured(&format!("{kind}: {}", choice.metric), rows_of(choice, &rollouts)))
+            .map(|choice| self.measured(&format!("{name}: {}", choice.metric), rows_of(choice, &rollouts)))
             .collect())
     }
 

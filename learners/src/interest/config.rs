@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::duration::Band;
 use super::risk::Risk;
 use super::train::{Learned, Point, train};
+use crate::fields::check_hidden;
 use crate::kernels::gae::Discount;
 
 /// Closed-loop options with interests and a learned duration, learned together from rollouts of the infant agent (Weber
@@ -109,7 +110,7 @@ impl Default for InterestConfig {
     fn default() -> Self {
         Self {
             imitation_start: false,
-            continuations: Band { low: 5.0, high: 50.0 },
+            continuations: Band::default(),
             duration_weight: 0.1,
             initial_continuations: 10.0,
             steps: 2_000_000,
@@ -206,7 +207,7 @@ impl OptionLearner for InterestConfig {
         {
             faults.check((0.0..=1.0).contains(&value), field, || format!("expected 0 to 1, got {value}"));
         }
-        faults.check(!self.hidden.contains(&0), "hidden", || "a hidden layer of width 0".to_owned());
+        check_hidden(faults, &self.hidden);
         faults.check((-5.0..=1.0).contains(&self.initial_log_std), "initial_log_std", || {
             format!("expected -5 to 1, got {}", self.initial_log_std)
         });
@@ -220,6 +221,10 @@ impl OptionLearner for InterestConfig {
 impl Practise for InterestConfig {
     fn simulator_steps(&self) -> u64 {
         self.steps
+    }
+
+    fn starts(&self) -> u64 {
+        self.context_pool
     }
 
     fn begins_from_recordings(&self) -> bool {

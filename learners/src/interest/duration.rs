@@ -38,12 +38,18 @@ impl Termination {
 
 /// The mean numbers of continuations, `[ρ_min, ρ_max]`, that cost nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 pub struct Band {
     /// `ρ_min`.
     pub low: f64,
     /// `ρ_max`; equal to `ρ_min` for the paper's `φ`.
     pub high: f64,
+}
+
+impl Default for Band {
+    fn default() -> Self {
+        Self { low: 5.0, high: 50.0 }
+    }
 }
 
 impl Band {

@@ -34,8 +34,14 @@ pub enum Risk {
         k: f64,
         /// `α`: how many deviations below the mean a return is poor.
         #[schemars(range(min = 0.0))]
+        #[serde(default = "one")]
         alpha: f64,
     },
+}
+
+/// The metric's own default.
+fn one() -> f64 {
+    1.0
 }
 
 /// Which rollouts of `steps`, in their order, are poor by `alpha`; rewards as the tasks pay them.

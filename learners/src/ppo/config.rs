@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::learner::initial_policy;
 use super::policy::GaussianMlpTeacher;
 use super::train::train;
+use crate::fields::check_hidden;
 use crate::kernels::running_moments::Normalizer;
 use crate::normalized_mlp::NormalizedMlp;
 
@@ -168,10 +169,7 @@ impl PpoConfig {
                 format!("expected a divisor of rollout_steps = {}, got {part}", self.rollout_steps)
             });
         }
-        let sensible = self.hidden.len() <= 8 && self.hidden.iter().all(|width| (1..=4096).contains(width));
-        faults.check(sensible, "hidden", || {
-            format!("expected at most 8 widths from 1 to 4096, got {:?}", self.hidden)
-        });
+        check_hidden(faults, &self.hidden);
     }
 }
 
@@ -207,6 +205,10 @@ impl TeacherConfig for PpoConfig {
 
     fn simulator_steps(&self) -> u64 {
         self.iterations() * self.rollout_steps as u64
+    }
+
+    fn starts(&self) -> u64 {
+        if self.d0_share > 0.0 { self.d0_pool } else { 0 }
     }
 
     fn train(&self, lesson: &Lesson<'_>, monitor: &mut dyn Monitor) -> Result<Trained, TrainError> {

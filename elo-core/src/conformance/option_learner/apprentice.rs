@@ -20,7 +20,7 @@ pub const CHECKS: &[Check<Case>] = &[
     LEARNED_OPTIONS_CONFORM,
     MALFORMED_DEMONSTRATIONS_ARE_REFUSED,
     THE_TEACHER_IS_HEARD,
-    ROLLOUTS_ARE_COUNTED,
+    CORRECTIONS_ARE_COUNTED,
     NO_CORRECTION_IS_AN_ERROR,
     EMPTY_CORRECTIONS_ARE_TAKEN,
 ];
@@ -37,7 +37,7 @@ pub(super) struct Strict {
     steps: usize,
     /// Whether there is none.
     absent: bool,
-    /// Steps that were asked for.
+    /// Corrections that were asked for.
     asked: u64,
 }
 
@@ -56,7 +56,7 @@ impl Tutor for Strict {
         if self.absent {
             return Err("no start could be drawn".to_owned());
         }
-        self.asked += self.steps as u64;
+        self.asked += 1;
         let bounds = self.spec.action_low.iter().zip(&self.spec.action_high);
         let action: Vec<f32> = bounds.map(|(low, high)| low + self.does * (high - low)).collect();
         let Demonstration { observations, .. } = demonstration(&self.spec, self.steps);
@@ -93,17 +93,17 @@ const THE_TEACHER_IS_HEARD: Check<Case> = Check {
     },
 };
 
-const ROLLOUTS_ARE_COUNTED: Check<Case> = Check {
-    name: "rollouts_are_counted",
-    rule: "No more control steps are asked for than the config's own estimate says.",
+const CORRECTIONS_ARE_COUNTED: Check<Case> = Check {
+    name: "corrections_are_counted",
+    rule: "No more corrections are asked for than the config's own estimate says.",
     run: |case| {
         let mut tutor = Strict::new(case.spec()?);
         granted("learning with corrections", learn(case, &mut tutor)?)?;
-        let estimate = learner(case)?.simulator_steps(STEPS);
+        let estimate = learner(case)?.corrections();
         if tutor.asked <= estimate {
             return Ok(());
         }
-        Err(Violation::new("control steps asked for", format!("at most {estimate}"), tutor.asked).into())
+        Err(Violation::new("corrections asked for", format!("at most {estimate}"), tutor.asked).into())
     },
 };
 
@@ -166,8 +166,8 @@ mod tests {
     }
 
     impl policy::Apprentice for Liar {
-        fn simulator_steps(&self, steps: usize) -> u64 {
-            if self.is("rollouts_are_counted") { steps as u64 } else { 2 * steps as u64 }
+        fn corrections(&self) -> u64 {
+            if self.is("corrections_are_counted") { 1 } else { 2 }
         }
 
         fn learn(
