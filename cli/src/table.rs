@@ -39,10 +39,11 @@ pub fn report(report: &Report, confidence: f64) -> String {
             set.selection_score
         );
         heading(&mut text, NAMES);
-        line(&mut text, NAMES, "the set", &set.row);
+        let which = set.learned_as_a_whole().map_or(String::new(), |whole| format!(" ({})", whole.row.name));
+        line(&mut text, NAMES, &format!("the set{which}"), &set.row);
         for option in &set.options {
-            let teacher = option.teacher.map_or(String::new(), |teacher| format!(" (teacher {teacher})"));
-            line(&mut text, NAMES, &format!("  {}{teacher}", option.row.name), &option.row);
+            let Some(teacher) = option.teacher else { continue };
+            line(&mut text, NAMES, &format!("  {} (teacher {teacher})", option.row.name), &option.row);
         }
         comparisons(&mut text, &set.against);
     }

@@ -112,6 +112,13 @@ pub struct SetReport {
     pub against: Vec<Comparison>,
 }
 
+impl SetReport {
+    /// The one candidate of a set that was learned by practice; it has the same figures as the set.
+    pub fn learned_as_a_whole(&self) -> Option<&OptionReport> {
+        self.options.first().filter(|candidate| candidate.teacher.is_none())
+    }
+}
+
 /// One chosen candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -67,6 +67,22 @@ impl Witness for () {
     fn step(&mut self, _: &[f32], _: &[f32]) {}
 }
 
+/// The witness that notes observations and actions as they come, row after row.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tape {
+    /// What was seen before each action.
+    pub observations: Vec<f32>,
+    /// The actions as they were chosen.
+    pub actions: Vec<f32>,
+}
+
+impl Witness for Tape {
+    fn step(&mut self, observation: &[f32], action: &[f32]) {
+        self.observations.extend_from_slice(observation);
+        self.actions.extend_from_slice(action);
+    }
+}
+
 /// Runs `agent` in `context`. A simulator's error becomes [`Ending::Failed`]: an outcome to be counted, never dropped.
 ///
 /// Cost: the simulator's own steps and, besides them, a pass over observation, action and terms.

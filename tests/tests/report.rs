@@ -84,7 +84,9 @@ fn a_finished_run_becomes_a_page_with_its_plots_beside_it() {
     let figures: Vec<&str> = figures.collect();
     assert!(figures.len() > 2, "{set}");
     for figure in figures {
-        assert!(html.contains(&format!(">{figure}</span>")), "{figure}");
+        let (estimate, range) = figure.split_once(' ').unwrap();
+        let markup = format!(">{estimate} <span class=\"range\">{range}</span></span>");
+        assert!(html.contains(&markup), "{figure}");
     }
     let plots = names(&out.path().join("page-plots"));
     assert!(plots.iter().any(|name| name == "mean-return.svg"), "{plots:?}");

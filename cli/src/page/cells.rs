@@ -34,9 +34,11 @@ impl At {
 
 /// An interval in a sentence.
 pub fn figure(value: &Interval, digits: usize, at: &At) -> Markup {
+    let text = interval(value, digits);
+    let (estimate, range) = text.split_once(' ').unwrap_or((&text, ""));
     html! {
         span.figure data-at=(at.0) data-value=(value.estimate) data-low=(value.low) data-high=(value.high) {
-            (interval(value, digits))
+            (estimate) " " span.range { (range) }
         }
     }
 }
@@ -51,7 +53,7 @@ pub fn share(value: &Interval, at: &At) -> Markup {
     let Interval { estimate, low, high } = value;
     html! {
         span.figure data-at=(at.0) data-percent="" data-value=(estimate) data-low=(low) data-high=(high) {
-            (percent(*estimate, 0)) " % [" (percent(*low, 0)) ", " (percent(*high, 0)) "]"
+            (percent(*estimate, 0)) " % " span.range { "[" (percent(*low, 0)) ", " (percent(*high, 0)) "]" }
         }
     }
 }

@@ -51,7 +51,8 @@ fn set_in_words(sheet: &Sheet<'_>, set: &SetReport, at: &At) -> Markup {
         div.card {
             h3 { (set.metric) }
             p {
-                "The set of " (set.options.len()) " options that " code { (set.metric) } " chose earns "
+                @if set.learned_as_a_whole().is_some() { "The set" } @else { "The set of " (set.options.len()) " options" }
+                " that " code { (set.metric) } " chose earns "
                 (figure(&set.row.mean_return, RETURN_DIGITS, &at.then("row").then("mean_return"))) " a rollout."
             }
             ul {

@@ -68,12 +68,13 @@ fn set_tables(set: &SetReport, at: &At) -> Markup {
             ", which is biased upwards, because they chose the set."
         }
         (table(&format!("The set of {} and its options", set.metric), &row_headings("who"), &html! {
-            (row(&html! { strong { "the set" } }, &set.row, &at.then("row")))
+            @let whole = set.learned_as_a_whole().map(|whole| whole.row.name.as_str());
+            (row(&html! { strong { "the set" } " " small { (whole.unwrap_or_default()) } }, &set.row, &at.then("row")))
             @for (index, option) in set.options.iter().enumerate() {
-                @let name = html! {
-                    (option.row.name) @if let Some(teacher) = option.teacher { " " small { "teacher " (teacher) } }
-                };
-                (row(&name, &option.row, &at.then("options").then(index).then("row")))
+                @if let Some(teacher) = option.teacher {
+                    @let name = html! { (option.row.name) " " small { "teacher " (teacher) } };
+                    (row(&name, &option.row, &at.then("options").then(index).then("row")))
+                }
             }
         }))
         (table(&format!("{} less each baseline, in the same contexts", set.metric), &["baseline", "difference of returns"], &html! {

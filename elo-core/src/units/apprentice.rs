@@ -3,14 +3,14 @@
 use serde::{Deserialize, Serialize};
 
 use super::learn::encode;
-use super::record::{self, Record, Recording, Tape};
+use super::record::{self, Record, Recording};
 use super::{Site, Work, WorkError, input};
 use crate::agent::InfantAgent;
 use crate::context::Context;
 use crate::policy::{
     Demonstration, Monitor, OptionLearner, OptionPolicy, PolicyRecord, TeacherPolicy, Tutor, Way,
 };
-use crate::rollout::{Setting, watched};
+use crate::rollout::{Setting, Tape, watched};
 use crate::seed::Seed;
 use crate::simulator::Simulator;
 use crate::spec::SimulatorSpec;

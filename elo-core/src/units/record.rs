@@ -10,7 +10,7 @@ use crate::agent::Taught;
 use crate::context::{Context, InitialStates, PreparedStart};
 use crate::experiment::TeacherActs;
 use crate::policy::{Demonstration, Monitor, TeacherConfig, TeacherPolicy};
-use crate::rollout::{Ending, Horizon, Setting, Witness, price, watched};
+use crate::rollout::{Ending, Horizon, Setting, Tape, price, watched};
 use crate::seed::Seed;
 use crate::simulator::{Simulator, SimulatorConfig, SimulatorError};
 use crate::spec::SimulatorSpec;
@@ -110,7 +110,11 @@ impl Record {
                         teacher,
                         retakes: take,
                         teacher_return: price(&result.term_sums, &prices),
-                        demonstration: Some(tape.cut(self.horizon.steps)),
+                        demonstration: Some(Demonstration {
+                            observations: tape.observations,
+                            actions: tape.actions,
+                            steps: self.horizon.steps,
+                        }),
                     });
                 }
                 Ending::Failed(reason) => failures.push(reason),
@@ -147,26 +151,6 @@ pub(super) fn load(
     };
     let tensors = tensors.ok_or_else(|| WorkError::Failed("this teacher has no such snapshot".to_owned()))?;
     config.load(tensors, spec).map_err(|error| WorkError::Failed(error.to_string()))
-}
-
-/// Notes observations and actions as they come.
-#[derive(Default)]
-pub(super) struct Tape {
-    pub observations: Vec<f32>,
-    actions: Vec<f32>,
-}
-
-impl Witness for Tape {
-    fn step(&mut self, observation: &[f32], action: &[f32]) {
-        self.observations.extend_from_slice(observation);
-        self.actions.extend_from_slice(action);
-    }
-}
-
-impl Tape {
-    fn cut(self, steps: usize) -> Demonstration {
-        Demonstration { observations: self.observations, actions: self.actions, steps }
-    }
 }
 
 #[derive(Serialize, Deserialize)]

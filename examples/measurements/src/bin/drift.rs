@@ -16,7 +16,7 @@ use elo_core::context::{Context, PreparedStart};
 use elo_core::crew::{Crew, Unwatched};
 use elo_core::discover::{Run, discover};
 use elo_core::policy::{Demonstration, OptionLearner, OptionPolicy, TeacherPolicy, Way};
-use elo_core::rollout::{Ending, Horizon, Rollout, Setting, Witness, price, watched};
+use elo_core::rollout::{Ending, Horizon, Rollout, Setting, Tape, price, watched};
 use elo_core::seed::Seed;
 use elo_core::simulator::{Simulator, SimulatorError};
 use elo_core::spec::SimulatorSpec;
@@ -119,20 +119,6 @@ impl World<'_> {
         let setting = Setting { context, horizon: &self.horizon };
         let noise = &mut seed.child("noise").stream();
         (watched(self.simulator.as_mut(), agent, setting, noise, &mut tape), tape)
-    }
-}
-
-/// Notes observations and actions as they come.
-#[derive(Default)]
-struct Tape {
-    observations: Vec<f32>,
-    actions: Vec<f32>,
-}
-
-impl Witness for Tape {
-    fn step(&mut self, observation: &[f32], action: &[f32]) {
-        self.observations.extend_from_slice(observation);
-        self.actions.extend_from_slice(action);
     }
 }
 
