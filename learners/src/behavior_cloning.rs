@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::demonstration;
-use crate::fields::check_hidden;
+use crate::fields::{check_hidden, refuse_faults};
 use crate::kernels::running_moments::{Normalizer, RunningMoments};
 use crate::kernels::value_loss::value_loss;
 use crate::mlp_policy::MlpPolicy;
@@ -84,11 +84,7 @@ impl Imitate for BehaviorCloningConfig {
         seed: &Seed,
     ) -> Result<Box<dyn OptionPolicy>, String> {
         demonstration::check(demonstration, spec, MlpPolicy::MAX_HORIZON)?;
-        let mut faults = Faults::new();
-        self.validate(&mut faults);
-        if let Some(fault) = faults.found().first() {
-            return Err(fault.to_string());
-        }
+        refuse_faults(|faults| self.validate(faults))?;
         Ok(Box::new(MlpPolicy::new(self.network(demonstration, seed)?, demonstration.steps)))
     }
 }

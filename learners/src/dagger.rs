@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::behavior_cloning::BehaviorCloningConfig;
 use crate::demonstration;
+use crate::fields::refuse_faults;
 use crate::mlp_policy::MlpPolicy;
 
 /// Options that do what the teacher would do where they themselves come to: clones of a recording that are tried from starts of
@@ -62,11 +63,7 @@ impl Apprentice for DaggerConfig {
         seed: &Seed,
     ) -> Result<Box<dyn OptionPolicy>, String> {
         demonstration::check(demonstration, tutor.spec(), MlpPolicy::MAX_HORIZON)?;
-        let mut faults = Faults::new();
-        self.validate(&mut faults);
-        if let Some(fault) = faults.found().first() {
-            return Err(fault.to_string());
-        }
+        refuse_faults(|faults| self.validate(faults))?;
         let mut known = demonstration.clone();
         let mut option = self.clone_of(&known, demonstration.steps, &seed.child("fit").index(0))?;
         for round in 1..=self.rounds {

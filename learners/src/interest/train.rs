@@ -21,6 +21,7 @@ use super::practice::{Episode, Experience, Infant};
 use super::risk::{self, Risk};
 use super::valuation;
 use crate::acting::{Tally, draw_contexts};
+use crate::fields::refuse_faults;
 use crate::kernels::clipped_surrogate::typical_kl;
 use crate::kernels::gae::normalize;
 use crate::kernels::running_moments::{Normalizer, ReturnScaler, RunningMoments};
@@ -116,11 +117,7 @@ pub(super) struct Record {
 impl<'a> Training<'a> {
     /// Before the first iteration.
     pub fn new(config: &'a InterestConfig, practice: &'a Practice<'a>) -> Result<Self, TrainError> {
-        let mut faults = elo_core::fault::Faults::new();
-        config.validate(&mut faults);
-        if let Some(fault) = faults.found().first() {
-            return Err(TrainError::Other(fault.to_string()));
-        }
+        refuse_faults(|faults| config.validate(faults)).map_err(TrainError::Other)?;
         let mut simulator = practice.simulator.build()?;
         let spec = simulator.spec().clone();
         let seed = practice.seed.child("contexts");
@@ -177,7 +174,9 @@ impl<'a> Training<'a> {
     /// Rolls out the infant agent in contexts of the pool.
     pub fn collect(&mut self) -> Result<Experience, TrainError> {
         let seed = self.practice.seed.child("rollouts").index(self.record.iteration);
-        let (wanted, left) = (self.iteration_steps(), self.config.steps - self.record.tally.steps);
+        let left = self.config.steps - self.record.tally.steps;
+        // What is left, divided evenly.
+        let wanted = left.div_ceil(left.div_ceil(self.config.rollout_steps));
         let mut experience = Experience::default();
         let normalizer = self.normalizer();
         // Those that fail without a step are few, or else end the training.
@@ -211,12 +210,6 @@ impl<'a> Training<'a> {
         }
         self.record.tally.steps += experience.steps.len() as u64;
         Ok(experience)
-    }
-
-    /// Steps of this iteration: what is left, divided evenly.
-    fn iteration_steps(&self) -> u64 {
-        let left = self.config.steps - self.record.tally.steps;
-        left.div_ceil(left.div_ceil(self.config.rollout_steps))
     }
 
     /// The parameters that `P` draws, each between −1 and 1 within what the simulator allows.

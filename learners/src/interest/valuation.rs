@@ -10,7 +10,7 @@ const BATCH: usize = 256;
 
 /// `Q(s,·|τ)` and `V(s|τ)` of some states.
 struct Worth {
-    option_values: Vec<f32>,
+    option_values: Vec<f64>,
     state_values: Vec<f64>,
 }
 
@@ -28,23 +28,20 @@ impl Worth {
                 let places = log_interests[option..].iter_mut().step_by(options);
                 places.zip(interest.forward(observations)).for_each(|(z, output)| *z = f64::from(*output));
             }
-            let option_values = learner.critic.forward(critic_inputs);
-            for (z, q) in log_interests.chunks_exact(options).zip(option_values.chunks_exact(options)) {
+            let first = worth.option_values.len();
+            worth.option_values.extend(learner.critic.forward(critic_inputs).iter().map(|q| f64::from(*q)));
+            let option_values = worth.option_values[first..].chunks_exact(options);
+            for (z, q) in log_interests.chunks_exact(options).zip(option_values) {
                 drawing::probabilities(z, &mut probabilities);
-                let value = probabilities.iter().zip(q).map(|(p, q)| p * f64::from(*q)).sum();
-                worth.state_values.push(value);
+                worth.state_values.push(drawing::state_value(&probabilities, q));
             }
-            worth.option_values.extend(option_values);
         }
         worth
     }
 
     fn values(&self, state: usize, option: usize) -> Values {
         let options = self.option_values.len() / self.state_values.len();
-        Values {
-            option: f64::from(self.option_values[state * options + option]),
-            state: self.state_values[state],
-        }
+        Values { option: self.option_values[state * options + option], state: self.state_values[state] }
     }
 }
 

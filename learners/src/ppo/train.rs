@@ -14,6 +14,7 @@ use super::experience::{Experience, Minibatch};
 use super::learner::Learner;
 use super::policy::GaussianMlpTeacher;
 use crate::acting::draw_contexts;
+use crate::fields::refuse_faults;
 use crate::kernels::clipped_surrogate::{SurrogateBatch, clipped_surrogate, typical_kl};
 use crate::kernels::gae::{Discount, StepEnd, Trajectory, gae, normalize, value_targets};
 use crate::kernels::running_moments::Normalizer;
@@ -78,11 +79,7 @@ impl Ended {
 
 impl<'a> Training<'a> {
     fn new(config: &'a PpoConfig, lesson: &Lesson<'a>) -> Result<Self, TrainError> {
-        let mut faults = elo_core::fault::Faults::new();
-        config.validate(&mut faults);
-        if let Some(fault) = faults.found().first() {
-            return Err(TrainError::Other(fault.to_string()));
-        }
+        refuse_faults(|faults| config.validate(faults)).map_err(TrainError::Other)?;
         let mut simulator = lesson.simulator.build()?;
         let spec = simulator.spec().clone();
         let seed = lesson.seed.clone();

@@ -130,7 +130,7 @@ const EMPTY_CORRECTIONS_ARE_TAKEN: Check<Case> = Check {
 mod tests {
     use serde::{Deserialize, Serialize};
 
-    use super::super::run;
+    use super::super::{run, well_formed};
     use super::*;
     use crate::conformance::liars::{Lie, demand_that_liars_are_caught};
     use crate::conformance::option_policy::liars::{HONEST, Script};
@@ -177,12 +177,8 @@ mod tests {
             seed: &Seed,
         ) -> Result<Box<dyn OptionPolicy>, String> {
             let spec = tutor.spec().clone();
-            let Demonstration { observations, actions, steps } = demonstration;
-            let right = *steps > 0
-                && observations.len() == steps * spec.observation_size
-                && actions.len() == steps * spec.action_size()
-                && observations.iter().chain(actions).all(|x| x.is_finite());
-            if !right && !self.is("malformed_demonstrations_are_refused") {
+            let Demonstration { actions, steps, .. } = demonstration;
+            if !well_formed(demonstration, &spec) && !self.is("malformed_demonstrations_are_refused") {
                 return Err("it is malformed".to_owned());
             }
             if self.is("one_step_is_enough") && *steps == 1 {

@@ -98,6 +98,16 @@ fn demonstration(spec: &SimulatorSpec, steps: usize) -> Demonstration {
     Demonstration { observations, actions, steps }
 }
 
+/// What an honest learner asks of a demonstration.
+#[cfg(test)]
+fn well_formed(demonstration: &Demonstration, spec: &SimulatorSpec) -> bool {
+    let Demonstration { observations, actions, steps } = demonstration;
+    *steps > 0
+        && observations.len() == steps * spec.observation_size
+        && actions.len() == steps * spec.action_size()
+        && observations.iter().chain(actions).all(|x| x.is_finite())
+}
+
 /// Demonstrations that no learner may take, and what is wrong with each.
 fn malformed(spec: &SimulatorSpec) -> Vec<(&'static str, Demonstration)> {
     let right = demonstration(spec, 3);

@@ -257,11 +257,12 @@ mod tests {
 
     use super::*;
     use crate::conformance::liars::{Lie, demand_that_liars_are_caught};
-    use crate::conformance::option_learner::run;
+    use crate::conformance::option_learner::{run, well_formed};
     use crate::conformance::option_policy::liars::{HONEST, Script};
     use crate::conformance::point_mass::PointMassConfig;
     use crate::fault::Faults;
     use crate::policy::{CurvePoint, OptionPolicy};
+    use crate::spec::SimulatorSpec;
 
     const ROUNDS: u64 = 6;
 
@@ -289,13 +290,11 @@ mod tests {
         }
 
         /// Where forces begin: at the first actions of the recordings.
-        fn begin(&self, practice: &Practice<'_>, size: usize) -> Result<Drift, TrainError> {
+        fn begin(&self, practice: &Practice<'_>, spec: &SimulatorSpec) -> Result<Drift, TrainError> {
+            let size = spec.action_size();
             let mut forces = vec![0.0; practice.set_size * size];
             for (force, recording) in forces.chunks_mut(size).zip(practice.demonstrations) {
-                let right = recording.actions.len() == recording.steps * size
-                    && recording.observations.len() == recording.steps * 2
-                    && recording.steps > 0
-                    && recording.actions.iter().chain(&recording.observations).all(|x| x.is_finite());
+                let right = well_formed(recording, spec);
                 if !right && !self.is("malformed_demonstrations_are_refused") {
                     return Err(TrainError::Other("a recording is malformed".to_owned()));
                 }
@@ -355,9 +354,10 @@ mod tests {
             practice: &Practice<'_>,
             monitor: &mut dyn Monitor,
         ) -> Result<Practised, TrainError> {
-            let size = practice.simulator.spec()?.action_size();
+            let spec = practice.simulator.spec()?;
+            let size = spec.action_size();
             let seed = self.seed(practice);
-            let mut drift = self.begin(practice, size)?;
+            let mut drift = self.begin(practice, &spec)?;
             if let Some(bytes) = monitor.resume() {
                 drift = self.taken_up(&bytes, drift)?;
             }
