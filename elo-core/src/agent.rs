@@ -70,6 +70,20 @@ impl Agent for Taught<'_> {
     }
 }
 
+/// Which of some things a uniform number in [0, 1) picks, each with a probability proportional to its weight. Weights are at least
+/// 0, and not all 0.
+///
+/// # Panics
+/// Without a weight.
+pub fn pick(weights: &[f64], uniform: f64) -> usize {
+    let mut left = uniform * weights.iter().sum::<f64>();
+    let picked = weights.iter().position(|weight| {
+        left -= weight;
+        left < 0.0
+    });
+    picked.unwrap_or(weights.len() - 1)
+}
+
 /// The infant agent: picks an option at random by its interest (uniformly where options have none), runs it to its end,
 /// picks again. With `primitive_probability` a decision is one uniformly random primitive action instead.
 pub struct InfantAgent<'a> {
@@ -108,14 +122,7 @@ impl<'a> InfantAgent<'a> {
             return 0;
         }
         let interests: Vec<f64> = self.options.iter().map(|o| f64::from(o.interest(observation))).collect();
-        let mut left = noise.random::<f64>() * interests.iter().sum::<f64>();
-        for (index, interest) in interests.iter().enumerate() {
-            left -= interest;
-            if left < 0.0 {
-                return index;
-            }
-        }
-        self.options.len() - 1
+        pick(&interests, noise.random())
     }
 
     fn decide(&mut self, observation: &[f32], noise: &mut Stream) {
@@ -200,6 +207,18 @@ mod tests {
                 action[0]
             })
             .collect()
+    }
+
+    #[test]
+    fn uniform_numbers_pick_by_weight() {
+        assert_eq!([0.0, 0.24, 0.25, 0.999_999].map(|u| pick(&[0.5, 0.0, 1.5], u)), [0, 0, 2, 2]);
+        // Of equal ones, by the whole part of as many times the number.
+        for index in 0..1000 {
+            let uniform = f64::from(index) / 1000.0 + 1e-4;
+            assert_eq!(pick(&[0.2; 5], uniform), (5.0 * uniform) as usize);
+        }
+        // What rounding leaves is the last one's.
+        assert_eq!(pick(&[0.1; 3], 1.0), 2);
     }
 
     #[test]

@@ -24,6 +24,13 @@ pub(crate) struct Recorded {
     recordings: Vec<Recording>,
 }
 
+impl Recorded {
+    /// How many of them did not fall.
+    fn usable(&self) -> usize {
+        self.recordings.iter().filter(|recording| recording.demonstration.is_some()).count()
+    }
+}
+
 fn usable_keys(teachers: &[Teacher]) -> Vec<Key> {
     teachers.iter().filter(|teacher| teacher.usable).map(|teacher| teacher.key).collect()
 }
@@ -149,12 +156,16 @@ impl Run<'_> {
             }
         }
         if candidates.is_empty() {
-            return Err(RunError::Config(format!(
-                "every recording of every teacher fell before {} steps: train longer or lower `discover.steps`",
-                self.experiment.discover.steps
-            )));
+            return Err(self.nothing_recorded());
         }
         Ok((candidates, given_up))
+    }
+
+    fn nothing_recorded(&self) -> RunError {
+        RunError::Config(format!(
+            "every recording of every teacher fell before {} steps: train longer or lower `discover.steps`",
+            self.experiment.discover.steps
+        ))
     }
 
     /// Sets of options that are learned together; each begins from its own recordings where there are any.
@@ -170,17 +181,22 @@ impl Run<'_> {
                 tasks: self.experiment.tasks.clone(),
                 initial_states: self.experiment.initial_states.clone(),
                 set_size: sizes.set_size,
-                steps: sizes.steps,
+                horizon: sizes.horizon(),
                 seed: self.seed.child("set").index(number as u64),
             }
             .into(),
             inputs: recorded.get(number).map(|recorded| recorded.key).into_iter().collect(),
         };
-        let units: Vec<Unit> = (0..sizes.candidates).map(unit).collect();
+        // A set whose recordings all fell has nothing to begin from.
+        let (numbers, mut given_up): (Vec<usize>, Vec<usize>) = (0..sizes.candidates)
+            .partition(|number| recorded.get(*number).is_none_or(|recorded| recorded.usable() > 0));
+        if numbers.is_empty() {
+            return Err(self.nothing_recorded());
+        }
+        let units: Vec<Unit> = numbers.iter().map(|number| unit(*number)).collect();
         let keys = self.crew.complete("option sets", &units)?;
-        let (mut candidates, mut given_up) = (Vec::new(), Vec::new());
-        let mut diverged = Vec::new();
-        for (number, key) in keys.into_iter().enumerate() {
+        let (mut candidates, mut diverged) = (Vec::new(), Vec::new());
+        for (number, key) in numbers.into_iter().zip(keys) {
             let SetResult { options, story } = SetResult::decode(&self.crew.result(&key)?)?;
             if options.is_empty() {
                 given_up.push(number);
@@ -188,8 +204,15 @@ impl Run<'_> {
                 continue;
             }
             let options = (0..options.len()).map(|item| (key, item)).collect();
-            candidates.push(Candidate { number, origin: Origin::Practice(story), options });
+            let recorded = recorded.get(number);
+            let origin = Origin::Practice {
+                story,
+                clones: recorded.map_or(0, Recorded::usable),
+                retakes: recorded.map_or(0, |recorded| recorded.recordings.iter().map(|r| r.retakes).sum()),
+            };
+            candidates.push(Candidate { number, origin, options });
         }
+        given_up.sort_unstable();
         if candidates.is_empty() {
             let why = diverged.join("; ");
             return Err(RunError::Config(format!("no set could be learned, every training diverged: {why}")));

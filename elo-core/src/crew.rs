@@ -155,6 +155,7 @@ impl<'a> Crew<'a> {
             next: AtomicUsize::new(0),
             fractions: Mutex::new(vec![0.0; missing.len()]),
             ready,
+            threads: (self.staff.workers / missing.len().max(1)).max(1),
             trouble: Mutex::new(None),
         };
         let todo: Vec<(&Unit, &Key)> = missing.iter().map(|index| (&units[*index], &keys[*index])).collect();
@@ -208,6 +209,8 @@ struct Shift<'a> {
     next: AtomicUsize,
     fractions: Mutex<Vec<f64>>,
     ready: usize,
+    /// That each unit may use, where there are fewer of them than workers.
+    threads: usize,
     trouble: Mutex<Option<RunError>>,
 }
 
@@ -231,8 +234,11 @@ impl Shift<'_> {
 
     fn do_one(&self, index: usize, unit: &Unit, key: &Key, site: &mut Site) -> Result<(), RunError> {
         let inputs = unit.inputs.iter().map(|key| self.crew.result(key)).collect::<Result<Vec<_>, _>>()?;
-        let mut monitor = UnitMonitor { shift: self, index, key, trouble: None };
-        let done = match unit.work.worker() {
+        let program = unit.work.worker();
+        // An interpreter runs one thread at a time.
+        let threads = if program.is_some_and(|program| program.is_interpreter()) { 1 } else { self.threads };
+        let mut monitor = UnitMonitor { shift: self, index, key, threads, trouble: None };
+        let done = match program {
             None => unit.work.perform(&inputs, site, &mut monitor),
             Some(program) => self.send(&program, unit, &inputs, &mut monitor),
         };
@@ -294,6 +300,7 @@ struct UnitMonitor<'a> {
     shift: &'a Shift<'a>,
     index: usize,
     key: &'a Key,
+    threads: usize,
     trouble: Option<RunError>,
 }
 
@@ -324,5 +331,9 @@ impl Monitor for UnitMonitor<'_> {
         }
         self.shift.tell(self.index, done as f64 / total.max(1) as f64);
         Ok(())
+    }
+
+    fn threads(&self) -> usize {
+        self.threads
     }
 }

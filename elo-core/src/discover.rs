@@ -95,7 +95,14 @@ pub enum Origin {
         teacher_return: f64,
     },
     /// Rollouts of its own.
-    Practice(Story),
+    Practice {
+        /// What was seen on the way.
+        story: Story,
+        /// How many of its options began as clones of recordings.
+        clones: usize,
+        /// Recordings that fell and were taken again.
+        retakes: u32,
+    },
 }
 
 impl Candidate {
@@ -103,7 +110,7 @@ impl Candidate {
     pub fn teacher_return(&self) -> Option<f64> {
         match self.origin {
             Origin::Recording { teacher_return, .. } => Some(teacher_return),
-            Origin::Practice(_) => None,
+            Origin::Practice { .. } => None,
         }
     }
 }

@@ -9,6 +9,7 @@ use std::path::Path;
 use crate::context::InitialStates;
 use crate::fault::Faults;
 use crate::hosted::Hosted;
+use crate::rollout::Horizon;
 use crate::seed::{Seed, Stream};
 use crate::simulator::{BuildError, SimulatorConfig};
 use crate::spec::SimulatorSpec;
@@ -171,6 +172,11 @@ pub trait Monitor {
     /// # Errors
     /// [`Stopped`] when the computation is to stop now.
     fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped>;
+
+    /// How many threads it may use, at least 1. What comes out must not depend on it.
+    fn threads(&self) -> usize {
+        1
+    }
 }
 
 /// A [`Monitor`] for tests and library users: no checkpoints, no reports, never stops.
@@ -315,8 +321,8 @@ pub struct Practice<'a> {
     pub initial_states: &'a InitialStates,
     /// `K`: options in the set.
     pub set_size: usize,
-    /// `T`: control steps of a rollout, if it does not end earlier.
-    pub steps: usize,
+    /// How long a rollout of the infant agent lasts, and whether a fall ends it.
+    pub horizon: Horizon,
     /// For learners that begin from recordings: at most `set_size` of them. Recordings that fell are left out.
     pub demonstrations: &'a [Demonstration],
     /// The root of all random streams.

@@ -278,6 +278,19 @@ fn given_up_teachers(teachers: &[Teacher]) -> Vec<String> {
     teachers.iter().enumerate().filter_map(warning).collect()
 }
 
+/// What to know of sets that were to begin from recordings of which some fell.
+fn missing_clones(candidates: &[Candidate]) -> Vec<String> {
+    let warning = |candidate: &Candidate| match candidate.origin {
+        Origin::Practice { clones, .. } if (1..candidate.options.len()).contains(&clones) => Some(format!(
+            "set {}: {clones} of {} options began from recordings, the others from scratch, because theirs fell",
+            candidate.number,
+            candidate.options.len()
+        )),
+        _ => None,
+    };
+    candidates.iter().filter_map(warning).collect()
+}
+
 /// How rollouts are looked at.
 struct View<'a> {
     run: &'a Run<'a>,
@@ -306,7 +319,7 @@ impl View<'_> {
             let row = self.yardstick.row(&sample)?;
             let teacher = match candidate.origin {
                 Origin::Recording { teacher, .. } => Some(teacher),
-                Origin::Practice(_) => None,
+                Origin::Practice { .. } => None,
             };
             Ok(OptionReport { number: candidate.number, teacher, selection_score: selection_score(*id), row })
         };
@@ -327,8 +340,7 @@ impl View<'_> {
         let Discovery { teachers, candidates, given_up, selection, .. } = self.discovery;
         let teacher_returns: Option<Vec<f64>> = candidates.iter().map(Candidate::teacher_return).collect();
         let retakes = |candidate: &Candidate| match candidate.origin {
-            Origin::Recording { retakes, .. } => u64::from(retakes),
-            Origin::Practice(_) => 0,
+            Origin::Recording { retakes, .. } | Origin::Practice { retakes, .. } => u64::from(retakes),
         };
         let average =
             |values: &[u32]| values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64;
@@ -361,7 +373,8 @@ impl View<'_> {
             reference: selection.reference,
             sets,
             baselines,
-            warnings: [given_up_teachers(teachers), selection.warnings.clone()].concat(),
+            warnings: [given_up_teachers(teachers), missing_clones(candidates), selection.warnings.clone()]
+                .concat(),
         }
     }
 }

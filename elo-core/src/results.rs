@@ -116,7 +116,7 @@ fn candidates_csv(discovery: &Discovery) -> String {
             Origin::Recording { teacher, retakes, teacher_return } => {
                 write!(text, "{teacher},{retakes},{teacher_return}")
             }
-            Origin::Practice(_) => write!(text, ",,"),
+            Origin::Practice { .. } => write!(text, ",,"),
         };
         for choice in choices {
             let _ = write!(text, ",{}", choice.scores[id].map_or(String::new(), |score| score.to_string()));
@@ -131,7 +131,7 @@ fn practice_csv(discovery: &Discovery) -> Option<String> {
     let mut text = "candidate,steps,mean_return,mean_length\n".to_owned();
     let mut found = false;
     for candidate in &discovery.candidates {
-        let Origin::Practice(story) = &candidate.origin else { continue };
+        let Origin::Practice { story, .. } = &candidate.origin else { continue };
         found = true;
         for CurvePoint { steps, mean_return, mean_length } in &story.curve {
             let number = |value: &Option<f64>| value.map_or(String::new(), |value| value.to_string());

@@ -59,6 +59,11 @@ impl TaskDistribution {
         self.0.keys().map(String::as_str)
     }
 
+    /// The parameters with their ranges, by name.
+    pub fn ranges(&self) -> impl Iterator<Item = (&str, Range)> {
+        self.0.iter().map(|(name, range)| (name.as_str(), *range))
+    }
+
     /// These ranges, and of `other` those of parameters that have none here.
     #[must_use]
     pub fn over(mut self, other: &Self) -> Self {

@@ -10,6 +10,7 @@ use elo_core::fault::Faults;
 use elo_core::policy::{
     Demonstration, Imitate as _, Lesson, Practice, Practise as _, TeacherConfig as _, Unwatched,
 };
+use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
@@ -117,7 +118,7 @@ fn practice(epochs: usize) -> f64 {
         tasks: &tasks,
         initial_states: &initial_states,
         set_size: 5,
-        steps: ROLLOUT,
+        horizon: Horizon { steps: ROLLOUT, discount: 1.0, stop_at_fall: true },
         demonstrations: &[],
         seed: Seed::root(1),
     };

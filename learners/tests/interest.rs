@@ -5,6 +5,7 @@ use elo_core::conformance::option_policy;
 use elo_core::conformance::point_mass::PointMassConfig;
 use elo_core::context::InitialStates;
 use elo_core::policy::{Practice, Unwatched};
+use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::{Range, TaskDistribution};
 use elo_learners::interest::duration::Band;
@@ -35,7 +36,7 @@ fn options_for_a_mass_of_unknown_weight_earn_more_with_practice_and_last_as_aske
         tasks: &tasks,
         initial_states: &initial_states,
         set_size: 3,
-        steps: 60,
+        horizon: Horizon { steps: 60, discount: 1.0, stop_at_fall: true },
         demonstrations: &[],
         seed: Seed::root(1),
     };

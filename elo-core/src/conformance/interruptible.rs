@@ -50,6 +50,7 @@ pub(super) struct Stopwatch {
     checkpoints: Vec<Vec<u8>>,
     progress: Vec<(u64, u64)>,
     stop: Stop,
+    threads: usize,
 }
 
 /// When to stop; counted from 1.
@@ -66,7 +67,7 @@ impl Stopwatch {
     }
 
     fn stopping(stop: Stop) -> Self {
-        Self { resume: None, checkpoints: Vec::new(), progress: Vec::new(), stop }
+        Self { resume: None, checkpoints: Vec::new(), progress: Vec::new(), stop, threads: 1 }
     }
 
     fn from(checkpoint: Option<Vec<u8>>, stop: Stop) -> Self {
@@ -92,6 +93,10 @@ impl Monitor for Stopwatch {
         self.progress.push((done, total));
         self.go_on(Stop::AtProgress(self.progress.len()))
     }
+
+    fn threads(&self) -> usize {
+        self.threads
+    }
 }
 
 /// The same outcome on another thread.
@@ -103,6 +108,13 @@ where
     let there = std::thread::scope(|scope| scope.spawn(|| case.run(&mut Stopwatch::never())).join());
     let there = there.map_err(|_| Violation::new("the other thread", "no panic", "a panic"))?;
     Ok(C::same(expected, &granted("training on another thread", there)?)?)
+}
+
+/// The same outcome with three threads to use.
+pub(super) fn threads_change_nothing<C: Interruptible>(case: &C) -> Result<(), Finding> {
+    let expected = &case.watched()?.outcome;
+    let mut monitor = Stopwatch { threads: 3, ..Stopwatch::never() };
+    Ok(C::same(expected, &granted("training by three threads", case.run(&mut monitor))?)?)
 }
 
 /// The end comes as [`Stopped`] when the monitor says so.

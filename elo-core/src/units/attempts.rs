@@ -77,4 +77,8 @@ impl Monitor for WithinAttempts<'_> {
     fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped> {
         self.monitor.progress(done, total)
     }
+
+    fn threads(&self) -> usize {
+        self.monitor.threads()
+    }
 }

@@ -9,6 +9,7 @@ use crate::context::InitialStates;
 use crate::policy::{
     CurvePoint, Demonstration, Monitor, OptionLearner, PolicyRecord, Practice, TrainError, Way,
 };
+use crate::rollout::Horizon;
 use crate::seed::Seed;
 use crate::simulator::SimulatorConfig;
 use crate::task::TaskDistribution;
@@ -27,8 +28,8 @@ pub struct Practise {
     pub initial_states: InitialStates,
     /// `K`.
     pub set_size: usize,
-    /// `T`.
-    pub steps: usize,
+    /// Of its rollouts.
+    pub horizon: Horizon,
     /// The root of its streams.
     pub seed: Seed,
 }
@@ -71,7 +72,7 @@ impl Practise {
                 tasks: &self.tasks,
                 initial_states: &self.initial_states,
                 set_size: self.set_size,
-                steps: self.steps,
+                horizon: self.horizon.clone(),
                 demonstrations: &demonstrations,
                 seed: seed.clone(),
             };

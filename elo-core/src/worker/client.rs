@@ -127,6 +127,7 @@ impl WorkerProcess {
             id,
             job: job.into(),
             inputs: inputs.into(),
+            threads: monitor.threads() as u32,
             checkpoint: checkpoint.as_deref().map(Into::into),
         };
         let frame = request.encode().map_err(|error| match error {

@@ -7,7 +7,7 @@ use super::fault::{JobError, JobErrorKind};
 use super::frames::{FrameError, FrameReader, FrameWriter, read_frame};
 
 /// The number of this version of the protocol, raised also when the stages of [`crate::units::Work`] change.
-pub const PROTOCOL: u32 = 2;
+pub const PROTOCOL: u32 = 3;
 
 /// What the parent says.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,6 +27,8 @@ pub enum Request<'a> {
         job: Cow<'a, [u8]>,
         /// The results of the units that it builds on.
         inputs: Cow<'a, [Vec<u8>]>,
+        /// How many threads it may use.
+        threads: u32,
         /// Where to take it up, if it was interrupted.
         checkpoint: Option<Cow<'a, [u8]>>,
     },
@@ -88,8 +90,9 @@ impl Request<'_> {
             Self::Hello { protocol, fingerprint } => {
                 FrameWriter::new(1).u32(*protocol).bytes(fingerprint.as_bytes()).finish()
             }
-            Self::Job { id, job, inputs, checkpoint } => {
-                let mut frame = FrameWriter::new(2).u64(*id).bytes(job).u32(inputs.len() as u32);
+            Self::Job { id, job, inputs, threads, checkpoint } => {
+                let mut frame =
+                    FrameWriter::new(2).u64(*id).u32(*threads).bytes(job).u32(inputs.len() as u32);
                 for input in inputs.iter() {
                     frame = frame.bytes(input);
                 }
@@ -112,7 +115,7 @@ impl Request<'_> {
         let message = match kind {
             1 => Self::Hello { protocol: fields.u32()?, fingerprint: fields.text()? },
             2 => {
-                let id = fields.u64()?;
+                let (id, threads) = (fields.u64()?, fields.u32()?);
                 let job = fields.bytes()?.into();
                 let count = fields.u32()?;
                 let inputs = (0..count).map(|_| fields.bytes()).collect::<Result<Vec<_>, _>>()?.into();
@@ -121,7 +124,7 @@ impl Request<'_> {
                     1 => Some(fields.bytes()?.into()),
                     _ => return Err(fields.malformed("neither has nor lacks a checkpoint")),
                 };
-                Self::Job { id, job, inputs, checkpoint }
+                Self::Job { id, job, inputs, threads, checkpoint }
             }
             3 => Self::Stop,
             _ => return Err(FrameError::Kind(kind)),
@@ -208,6 +211,7 @@ mod tests {
             id: 9,
             job: Cow::Borrowed(b"{\"unit\":\"teacher\"}"),
             inputs: inputs.into(),
+            threads: 3,
             checkpoint: checkpoint.map(Cow::Borrowed),
         };
         vec![

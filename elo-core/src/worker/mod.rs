@@ -12,7 +12,7 @@
 //! | from | kind | fields |
 //! | --- | --- | --- |
 //! | parent | 1 Hello | `u32` protocol, text fingerprint |
-//! | parent | 2 Job | `u64` id, bytes job (JSON), `u32` count of inputs, each as bytes, `u8` 1 and bytes of a checkpoint, or `u8` 0 |
+//! | parent | 2 Job | `u64` id, `u32` threads, bytes job (JSON), `u32` count of inputs, each as bytes, `u8` 1 and bytes of a checkpoint, or `u8` 0 |
 //! | parent | 3 Stop | |
 //! | worker | 17 Hello | `u32` protocol, text fingerprint, text engine |
 //! | worker | 18 Progress | `u64` id, `u64` done, `u64` total |

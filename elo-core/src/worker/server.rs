@@ -112,6 +112,7 @@ struct Job {
     id: u64,
     job: Vec<u8>,
     inputs: Vec<Vec<u8>>,
+    threads: usize,
     checkpoint: Option<Vec<u8>>,
 }
 
@@ -120,10 +121,11 @@ fn forward(mut input: impl Read, jobs: &SyncSender<Result<Job, String>>, unanswe
     loop {
         let next = match Request::read(&mut input) {
             Ok(None | Some(Request::Stop)) => return,
-            Ok(Some(Request::Job { id, job, inputs, checkpoint })) => Ok(Job {
+            Ok(Some(Request::Job { id, job, inputs, threads, checkpoint })) => Ok(Job {
                 id,
                 job: job.into_owned(),
                 inputs: inputs.into_owned(),
+                threads: threads as usize,
                 checkpoint: checkpoint.map(Cow::into_owned),
             }),
             Ok(Some(Request::Hello { .. })) => Err("the parent greeted twice".to_owned()),
@@ -203,6 +205,10 @@ impl Monitor for Link<'_> {
         self.reported = Some(Instant::now());
         self.tell(&Reply::Progress { id: self.job.id, done, total })
     }
+
+    fn threads(&self) -> usize {
+        self.job.threads
+    }
 }
 
 /// Takes standard input and output away from the rest of the process and gives them to [`serve`]: whatever an engine
@@ -253,6 +259,7 @@ mod tests {
             id,
             job: job.as_bytes().into(),
             inputs: vec![b"in".to_vec(), b"put".to_vec()].into(),
+            threads: 2,
             checkpoint: checkpoint.map(|text| text.as_bytes().into()),
         }
     }

@@ -11,7 +11,9 @@
 //!
 //! where `b` is 1 if the option ended in `s_{t+1}` and 0 if it went on. With `λ = 0` they are the advantages of the
 //! critic alone. With `λ = 1` the gradient that they give has the right mean *whatever the critic says*: `U(s_{t+1}, o_t)`
-//! is the mean of the next `Q` however wrong it is, and the last term of `A_end` has the mean of what the critic lacks.
+//! is the mean of the next `Q` however wrong it is, and the last term of `A_end` has the mean of what the critic lacks. Where a rollout
+//! is cut short, by its time limit too, there is nothing but the critic to say what would have followed: there its word counts for
+//! all `λ`, with the weight that `γ` leaves it.
 
 use super::duration::Termination;
 use crate::kernels::gae::Discount;

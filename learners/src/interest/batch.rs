@@ -14,7 +14,9 @@ use crate::nn::GaussianBatch;
 pub(super) struct Batch<'a> {
     pub config: &'a InterestConfig,
     pub experience: &'a Experience,
-    pub signals: &'a Signals,
+    pub signals: &'a Signals<'a>,
+    /// How often each option is drawn, where that matters; see [`usage`].
+    pub usage: Option<&'a [f64]>,
     /// Which steps.
     pub rows: &'a [usize],
 }
@@ -62,11 +64,8 @@ impl Batch<'_> {
             interests.iter_mut().for_each(Net::no_gradient);
             return 0.0;
         }
-        let inputs = gather(&experience.observations, experience.steps.len(), &rows);
-        let columns: Vec<Vec<f32>> = interests.iter_mut().map(|net| net.forward(&inputs).to_vec()).collect();
-        let options = columns.len();
-        let log_interests: Vec<f64> =
-            (0..rows.len()).flat_map(|i| columns.iter().map(move |column| f64::from(column[i]))).collect();
+        let log_interests = log_interests(interests, experience, &rows);
+        let options = interests.len();
         let mut d_log_probs_by_interests = vec![0.0; log_interests.len()];
         let states =
             log_interests.chunks_exact(options).zip(d_log_probs_by_interests.chunks_exact_mut(options));
@@ -78,8 +77,12 @@ impl Batch<'_> {
         let (d_log_probs, moved) =
             self.surrogate(&rows, &log_probs, &experience.draw_log_probs, &signals.draws);
         let mut d_diversity = vec![0.0; log_interests.len()];
-        drawing::diversity(&log_interests, options, &mut d_diversity);
-        let weight = self.config.diversity_weight * self.share(&rows);
+        if let Some(usage) = self.usage {
+            for (z, d_z) in log_interests.chunks_exact(options).zip(d_diversity.chunks_exact_mut(options)) {
+                drawing::diversity(usage, z, d_z);
+            }
+        }
+        let weight = self.config.diversity_weight / self.rows.len() as f64;
         for (option, net) in interests.iter_mut().enumerate() {
             let places = (0..rows.len()).map(|i| i * options + option);
             let d_outputs = places.zip(&d_log_probs).map(|(place, by)| {
@@ -99,7 +102,7 @@ impl Batch<'_> {
         let values: Vec<f32> =
             rows.iter().zip(all.chunks_exact(options)).map(|(&row, q)| q[experience.options[row]]).collect();
         let mut d_values = vec![0.0; rows.len()];
-        value_loss(&values, &gather(&signals.targets, experience.steps.len(), rows), &mut d_values);
+        value_loss(&values, &gather(signals.targets, experience.steps.len(), rows), &mut d_values);
         let mut d_all = vec![0.0; rows.len() * options];
         for ((&row, d_row), d) in rows.iter().zip(d_all.chunks_exact_mut(options)).zip(d_values) {
             d_row[experience.options[row]] = d;
@@ -137,6 +140,26 @@ impl Batch<'_> {
         d_log_probs.iter_mut().for_each(|d| *d *= share);
         (d_log_probs, share * surrogate.approx_kl)
     }
+}
+
+/// How often each option is drawn in the mean over all states where one was drawn, with the interests as they are now; `None` where
+/// diversity has no weight.
+pub(super) fn usage(
+    config: &InterestConfig,
+    experience: &Experience,
+    learner: &mut Learner,
+) -> Option<Vec<f64>> {
+    let rows = (0..experience.steps.len()).filter(|&row| experience.steps[row].drawn).collect::<Vec<_>>();
+    let asked = config.diversity_weight > 0.0 && !rows.is_empty();
+    let options = learner.options();
+    asked.then(|| drawing::usage(&log_interests(&mut learner.interests, experience, &rows), options))
+}
+
+/// What the interests say of the states of `rows`, one row of `K` numbers each.
+fn log_interests(interests: &mut [Net], experience: &Experience, rows: &[usize]) -> Vec<f64> {
+    let inputs = gather(&experience.observations, experience.steps.len(), rows);
+    let columns: Vec<Vec<f32>> = interests.iter_mut().map(|net| net.forward(&inputs).to_vec()).collect();
+    (0..rows.len()).flat_map(|i| columns.iter().map(move |column| f64::from(column[i]))).collect()
 }
 
 /// Copies rows of a table of `count` rows.

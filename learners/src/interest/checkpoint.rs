@@ -1,7 +1,5 @@
 //! A training between two iterations, as bytes. Rollouts are whole and every draw has a stream named by counters, so
 //! networks, optimisers and counts are all there is.
-//!
-//! Layout: `u64` little-endian length of the JSON head, the head, a safetensors file of the rest.
 
 use elo_core::policy::TrainError;
 use elo_core::tensors::{TensorError, Tensors};
@@ -10,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::duration::Termination;
 use super::learner::Part;
 use super::train::{Record, Training};
+use crate::checkpoint;
 use crate::nn::{Adam, AdamState};
 
 #[derive(Serialize, Deserialize)]
@@ -35,9 +34,7 @@ impl Training<'_> {
             adam_steps.push(*steps);
         }
         let head = Head { record: self.record.clone(), termination: self.learner.termination, adam_steps };
-        let head = serde_json::to_vec(&head).expect("counts, finite numbers and short names");
-        let length = (head.len() as u64).to_le_bytes();
-        [length.as_slice(), &head, &tensors.encode()].concat()
+        checkpoint::write(&head, &tensors)
     }
 
     /// Goes on from a checkpoint of a training with this config, simulator and seed.
@@ -51,13 +48,7 @@ impl Training<'_> {
     }
 
     fn read(&mut self, bytes: &[u8]) -> Result<(), String> {
-        let cut = || "cut short".to_owned();
-        let (length, rest) = bytes.split_first_chunk::<8>().ok_or_else(cut)?;
-        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| cut())?;
-        let (head, tensors) = rest.split_at_checked(length).ok_or_else(cut)?;
-        let Head { record, termination, adam_steps } =
-            serde_json::from_slice(head).map_err(|error| error.to_string())?;
-        let tensors = Tensors::decode(tensors).map_err(|error| error.to_string())?;
+        let (Head { record, termination, adam_steps }, tensors) = checkpoint::read(bytes)?;
         let mut parts = self.learner.parts();
         if adam_steps.len() != parts.len() {
             return Err(format!("it has {} parts, not {}", adam_steps.len(), parts.len()));
@@ -155,7 +146,7 @@ mod tests {
     fn bytes_of_something_else_are_refused() {
         with_practice(|practice| {
             let config = config();
-            let mut training = Training::new(&config, practice).unwrap();
+            let mut training = Training::new(&config, practice, 1).unwrap();
             training.iterate().unwrap();
             let bytes = training.checkpoint();
             training.restore(&bytes).unwrap();
@@ -168,7 +159,7 @@ mod tests {
                 Practice { set_size: 3, ..practice.clone() },
             );
             for (config, practice) in [(&wider, practice), (&config, &larger)] {
-                let error = Training::new(config, practice).unwrap().restore(&bytes).unwrap_err();
+                let error = Training::new(config, practice, 1).unwrap().restore(&bytes).unwrap_err();
                 assert!(error.to_string().starts_with("the checkpoint cannot be read: "), "{error}");
             }
         });

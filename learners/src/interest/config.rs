@@ -26,7 +26,8 @@ pub struct InterestConfig {
     /// `λ` of Eq. 6.1, per squared continuation; returns are in units of the deviation that discounted returns have.
     #[schemars(range(min = 0.0))]
     pub duration_weight: f64,
-    /// How often options continue on average before any training; must be positive.
+    /// How often options continue on average before any training.
+    #[schemars(range(min = 1e-3, max = 1e6))]
     pub initial_continuations: f64,
     /// Control steps of practice; the last rollout is cut short.
     #[schemars(range(min = 1))]
@@ -61,8 +62,8 @@ pub struct InterestConfig {
     pub diversity_weight: f64,
     /// `γ` and `λ` of the advantages.
     pub discount: Discounts,
-    /// Whether step `t` of a rollout counts `γ^t`, as in the gradient of `J` to the letter. Otherwise all steps count alike,
-    /// as if every state that is met were a start.
+    /// Whether step `t` of a rollout counts `γ^t`, as in the gradient of `J` to the letter. Otherwise all steps count alike, as is
+    /// usual, and late steps teach as much as early ones.
     pub discounted_visits: bool,
     /// Gradients of a network that are longer are scaled down to this; must be positive.
     pub max_grad_norm: f64,
@@ -76,7 +77,7 @@ pub struct InterestConfig {
     pub checkpoint_every: u64,
 }
 
-/// See [`InterestConfig::learning_rates`]. A part whose rate is 0 stays as it begins.
+/// See [`InterestConfig::learning_rates`]. The networks of a part whose rate is 0 stay as they begin, and so does `ε`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LearningRates {
@@ -166,14 +167,10 @@ impl OptionLearner for InterestConfig {
             faults.check(count > 0, field, || "expected at least 1, got 0".to_owned());
         }
         let Band { low, high } = self.continuations;
-        faults.check(low > 0.0 && low <= high && high.is_finite(), "continuations", || {
-            format!("expected 0 < low <= high, got low = {low} and high = {high}")
+        faults.check(0.0 <= low && low <= high && 0.0 < high && high.is_finite(), "continuations", || {
+            format!("expected 0 <= low <= high and 0 < high, got low = {low} and high = {high}")
         });
-        let positive = [
-            ("initial_continuations", self.initial_continuations),
-            ("max_grad_norm", self.max_grad_norm),
-            ("target_kl", self.target_kl),
-        ];
+        let positive = [("max_grad_norm", self.max_grad_norm), ("target_kl", self.target_kl)];
         for (field, value) in positive {
             faults.check(value > 0.0 && value.is_finite(), field, || {
                 format!("expected a positive number, got {value}")
@@ -207,6 +204,9 @@ impl OptionLearner for InterestConfig {
         {
             faults.check((0.0..=1.0).contains(&value), field, || format!("expected 0 to 1, got {value}"));
         }
+        faults.check((1e-3..=1e6).contains(&self.initial_continuations), "initial_continuations", || {
+            format!("expected 0.001 to 1000000, got {}", self.initial_continuations)
+        });
         check_hidden(faults, &self.hidden);
         faults.check((-5.0..=1.0).contains(&self.initial_log_std), "initial_log_std", || {
             format!("expected -5 to 1, got {}", self.initial_log_std)
@@ -269,22 +269,56 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_fault_is_found() {
+    fn every_fault_is_found_at_once() {
         let mut faults = Faults::new();
         InterestConfig::default().validate(&mut faults);
         assert!(faults.found().is_empty(), "{:?}", faults.found());
+        let wrong = -1.0;
         let config = InterestConfig {
-            rollout_steps: 0,
+            imitation_start: false,
             continuations: Band { low: 6.0, high: 5.0 },
             duration_weight: f64::NAN,
             initial_continuations: 0.0,
+            steps: 0,
+            rollout_steps: 0,
+            context_pool: 0,
+            epochs: 0,
+            minibatch: 0,
+            learning_rates: LearningRates {
+                policies: wrong,
+                interests: wrong,
+                termination: wrong,
+                critic: wrong,
+            },
             clip: 1.0,
-            discount: Discounts { gamma: 1.1, gae_lambda: 0.5 },
+            target_kl: 0.0,
+            risk: Risk::NegativeTail { k: wrong, alpha: wrong },
+            diversity_weight: wrong,
+            discount: Discounts { gamma: 1.1, gae_lambda: wrong },
+            discounted_visits: false,
+            max_grad_norm: 0.0,
             hidden: vec![3, 0],
             initial_log_std: 2.0,
-            ..InterestConfig::default()
+            checkpoint_every: 0,
         };
         config.validate(&mut faults);
-        assert_eq!(faults.found().len(), 8, "{:?}", faults.found());
+        let found: Vec<String> = faults.into_found().into_iter().map(|fault| fault.path).collect();
+        let tops = |prefix: &str| found.iter().filter(|field| field.starts_with(prefix)).count();
+        assert_eq!(
+            (tops("learning_rates."), tops("risk.negative_tail."), tops("discount.")),
+            (4, 2, 2),
+            "{found:?}"
+        );
+        let mut found: Vec<&str> = found.iter().filter_map(|field| field.split('.').next()).collect();
+        found.sort_unstable();
+        found.dedup();
+        // All fields but the two that can only be yes or no.
+        let serde_json::Value::Object(all) = serde_json::to_value(&config).unwrap() else {
+            panic!("no table")
+        };
+        let mut all: Vec<&str> = all.keys().map(String::as_str).collect();
+        all.retain(|field| !["imitation_start", "discounted_visits"].contains(field));
+        all.sort_unstable();
+        assert_eq!(found, all);
     }
 }

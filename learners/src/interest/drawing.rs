@@ -31,43 +31,37 @@ pub fn log_probability(log_interests: &[f64], option: usize, d_log_interests: &m
     log_interests[option] - greatest - total.ln()
 }
 
-/// `H(p̄) = −Σ_o p̄_o log p̄_o`, the entropy in nats of how often each option is drawn in the mean over some states,
-/// `p̄ = Σ_s π_I(·|s) / n`. It is greatest when all options are drawn alike *on the whole*, also when each state has its own:
-/// an entropy state by state would ask for the opposite of that.
-///
-/// Writes the derivatives by the log-interests of each state, `−π_j(s) (log p̄_j − Σ_o π_o(s) log p̄_o) / n`. Both tables have
-/// one row of `options` numbers a state.
+/// `p̄ = Σ_s π_I(·|s) / n`: how often each option is drawn in the mean over some states. The table of log-interests has one row of
+/// `options` numbers a state.
 ///
 /// # Panics
-/// When lengths differ or are no multiple of `options`.
-pub fn diversity(log_interests: &[f64], options: usize, d_log_interests: &mut [f64]) -> f64 {
-    assert_eq!(d_log_interests.len(), log_interests.len(), "derivatives by log-interests");
+/// When its length is no multiple of `options`.
+pub fn usage(log_interests: &[f64], options: usize) -> Vec<f64> {
     assert!(log_interests.len().is_multiple_of(options), "log-interests of options");
     let states = (log_interests.len() / options) as f64;
-    let mut means = vec![0.0; options];
-    for (z, p) in log_interests.chunks_exact(options).zip(d_log_interests.chunks_exact_mut(options)) {
-        probabilities(z, p);
-        means.iter_mut().zip(p).for_each(|(mean, p)| *mean += *p / states);
+    let (mut means, mut shares) = (vec![0.0; options], vec![0.0; options]);
+    for z in log_interests.chunks_exact(options) {
+        probabilities(z, &mut shares);
+        means.iter_mut().zip(&shares).for_each(|(mean, p)| *mean += p / states);
     }
-    // An option that is drawn nowhere would have the logarithm −∞.
-    let logarithms: Vec<f64> = means.iter().map(|mean| mean.max(f64::MIN_POSITIVE).ln()).collect();
-    for p in d_log_interests.chunks_exact_mut(options) {
-        let expected = state_value(p, &logarithms);
-        p.iter_mut().zip(&logarithms).for_each(|(p, log)| *p *= (expected - log) / states);
-    }
-    -state_value(&means, &logarithms)
+    means
 }
 
-/// The option that a uniform number in [0, 1) picks.
-pub fn pick(probabilities: &[f64], uniform: f64) -> usize {
-    let mut left = uniform;
-    for (option, probability) in probabilities.iter().enumerate() {
-        left -= probability;
-        if left < 0.0 {
-            return option;
-        }
-    }
-    probabilities.len() - 1
+/// `H(p̄) = −Σ_o p̄_o log p̄_o`, the entropy in nats of how often each option is drawn on the whole. It is greatest when all options
+/// are drawn alike *on the whole*, also when each state has its own: an entropy state by state would ask for the opposite of that.
+///
+/// Writes its derivatives by the log-interests `z` of one of the `n` states that `usage` is the mean over, times `n`:
+/// `−π_j(s) (log p̄_j − Σ_o π_o(s) log p̄_o)`.
+///
+/// # Panics
+/// When lengths differ.
+pub fn diversity(usage: &[f64], log_interests: &[f64], d_log_interests: &mut [f64]) -> f64 {
+    probabilities(log_interests, d_log_interests);
+    // An option that is drawn nowhere would have the logarithm −∞.
+    let logarithms: Vec<f64> = usage.iter().map(|mean| mean.max(f64::MIN_POSITIVE).ln()).collect();
+    let expected = state_value(d_log_interests, &logarithms);
+    d_log_interests.iter_mut().zip(&logarithms).for_each(|(p, log)| *p *= expected - log);
+    -state_value(usage, &logarithms)
 }
 
 /// `V(s) = Σ_o π_I(o|s) Q(s,o)`.
@@ -130,6 +124,19 @@ mod tests {
         }
     }
 
+    /// The diversity of a table, and its derivatives.
+    fn diversity_of(log_interests: &[f64], options: usize) -> (f64, Vec<f64>) {
+        let usage = usage(log_interests, options);
+        let mut derivatives = vec![0.0; log_interests.len()];
+        let states = (log_interests.len() / options) as f64;
+        let mut found = 0.0;
+        for (z, d) in log_interests.chunks_exact(options).zip(derivatives.chunks_exact_mut(options)) {
+            found = diversity(&usage, z, d);
+            d.iter_mut().for_each(|d| *d /= states);
+        }
+        (found, derivatives)
+    }
+
     #[test]
     fn diversity_is_of_the_mean_over_states() {
         let sure = 1000.0;
@@ -137,8 +144,7 @@ mod tests {
         for (log_interests, expected) in
             [([sure, 0.0, 0.0, sure], 2.0_f64.ln()), ([sure, 0.0, sure, 0.0], 0.0), ([0.0; 4], 2.0_f64.ln())]
         {
-            let mut derivatives = [0.0; 4];
-            let got = diversity(&log_interests, 2, &mut derivatives);
+            let (got, derivatives) = diversity_of(&log_interests, 2);
             assert!((got - expected).abs() < 1e-12, "{got} of {log_interests:?}");
             assert!(derivatives.iter().all(|d| d.abs() < 1e-12), "{derivatives:?} is no extremum");
         }
@@ -147,19 +153,10 @@ mod tests {
     #[test]
     fn the_gradient_of_diversity_agrees_with_finite_differences() {
         let point = [0.3, -1.2, 0.8, 2.0, 0.1, -0.4];
-        let mut derivatives = [0.0; 6];
-        diversity(&point, 3, &mut derivatives);
-        let exact = reference::differences(&point, &[0, 1, 2, 3, 4, 5], |z| diversity(z, 3, &mut [0.0; 6]));
+        let (_, derivatives) = diversity_of(&point, 3);
+        let exact = reference::differences(&point, &[0, 1, 2, 3, 4, 5], |z| diversity_of(z, 3).0);
         for (got, expected) in derivatives.iter().zip(exact) {
             assert!((got - expected).abs() < 1e-9, "{got} against {expected}");
         }
-    }
-
-    #[test]
-    fn uniform_numbers_pick_by_share() {
-        let shares = [0.25, 0.0, 0.75];
-        assert_eq!([0.0, 0.24, 0.25, 0.999_999].map(|u| pick(&shares, u)), [0, 0, 2, 2]);
-        // Shares that add up to a little less than one leave the rest to the last.
-        assert_eq!(pick(&[0.5, 0.499], 0.9999), 1);
     }
 }

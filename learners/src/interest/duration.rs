@@ -40,7 +40,7 @@ impl Termination {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Band {
-    /// `ρ_min`.
+    /// `ρ_min`; 0 for none.
     pub low: f64,
     /// `ρ_max`; equal to `ρ_min` for the paper's `φ`.
     pub high: f64,

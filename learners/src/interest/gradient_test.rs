@@ -12,6 +12,8 @@ use super::config::{Discounts, InterestConfig, LearningRates};
 use super::drawing;
 use super::duration::{Band, Termination};
 use super::learner::Learner;
+use super::practice::Experience;
+use super::risk::{self, Risk};
 use super::train::{Signals, Training};
 use super::worlds::{World, practice};
 use crate::nn::reference;
@@ -52,27 +54,31 @@ fn normal_cdf(x: f64) -> f64 {
     0.5 + h / 3.0 * (0..=200).map(|i| weight(i) * density(f64::from(i) * h)).sum::<f64>()
 }
 
+/// The chance that `option` goes on in `state`.
+fn forward(theta: &[f64], state: usize, option: usize) -> f64 {
+    let of = &theta[4 * option..4 * option + 4];
+    normal_cdf((of[state] + of[2]) / of[3].exp())
+}
+
+/// `π_I(·|state)`.
+fn drawing_in(theta: &[f64], state: usize) -> [f64; 2] {
+    let z = [8, 11].map(|start| theta[start + state] + theta[start + 2]);
+    let mut probabilities = [0.0; 2];
+    drawing::probabilities(&z, &mut probabilities);
+    probabilities
+}
+
 /// `J(θ)` in the world with the hot surface, from state 0, for tasks that pay 1 on average: values are linear in the pay.
 /// `Q` is the fixed point of Eq. 6.4 and 6.5.
 fn objective(theta: &[f64]) -> f64 {
-    let forward = |s: usize, o: usize| {
-        let of = &theta[4 * o..4 * o + 4];
-        normal_cdf((of[s] + of[2]) / of[3].exp())
-    };
-    let drawing = |s: usize| {
-        let z = [8, 11].map(|start| theta[start + s] + theta[start + 2]);
-        let mut probabilities = [0.0; 2];
-        drawing::probabilities(&z, &mut probabilities);
-        probabilities
-    };
     let termination = Termination { logit: theta[14] };
     let ending = termination.probability();
     let mut q = [[0.0_f64; 2]; 2];
     for _ in 0..400 {
-        let v = [0, 1].map(|s| drawing::state_value(&drawing(s), &q[s]));
+        let v = [0, 1].map(|s| drawing::state_value(&drawing_in(theta, s), &q[s]));
         let u = |s: usize, o: usize| (1.0 - ending) * q[s][o] + ending * v[s];
         let backup = |s: usize, o: usize| {
-            let f = forward(s, o);
+            let f = forward(theta, s, o);
             match s {
                 0 => f * (1.0 + GAMMA * (0.7 * u(0, o) + 0.3 * u(1, o))) + (1.0 - f) * GAMMA * u(0, o),
                 _ => f * (GAMMA * u(1, o) - 1.0) + (1.0 - f) * (1.0 + GAMMA * u(0, o)),
@@ -81,64 +87,96 @@ fn objective(theta: &[f64]) -> f64 {
         q = [0, 1].map(|s| [0, 1].map(|o| backup(s, o)));
     }
     let InterestConfig { continuations, duration_weight, .. } = config();
-    drawing::state_value(&drawing(0), &q[0]) - duration_weight * continuations.cost(termination)
+    drawing::state_value(&drawing_in(theta, 0), &q[0]) - duration_weight * continuations.cost(termination)
 }
 
-/// One iteration's estimate of `∇J`, in the layout of [`flat`], from the gradients that the networks are left with.
-fn estimate(training: &mut Training<'_>, iteration: u64) -> Vec<f64> {
-    training.record.iteration = iteration;
-    let mut experience = training.collect().unwrap();
-    training.estimate_advantages(&mut experience);
-    let weights = training.weights(&experience);
-    let signals = Signals::new(&experience, &weights);
+/// The mean of `of` over the undiscounted returns of rollouts of three steps in that world, for a task that pays 1.
+fn mean_over_returns(theta: &[f64], of: &dyn Fn(f64) -> f64) -> f64 {
+    let draw = drawing_in(theta, 0);
+    (0..2).map(|o| draw[o] * mean_from(theta, (0, o), (3, 0.0), of)).sum()
+}
+
+/// The same where option `o` acts in state `s`, with some steps left and something earned.
+fn mean_from(
+    theta: &[f64],
+    (s, o): (usize, usize),
+    (left, earned): (u32, f64),
+    of: &dyn Fn(f64) -> f64,
+) -> f64 {
+    let ending = Termination { logit: theta[14] }.probability();
+    let next = |state: usize, reward: f64| {
+        if left == 1 {
+            return of(earned + reward);
+        }
+        let draw = drawing_in(theta, state);
+        let onward = |option: usize| mean_from(theta, (state, option), (left - 1, earned + reward), of);
+        (1.0 - ending) * onward(o) + ending * (draw[0] * onward(0) + draw[1] * onward(1))
+    };
+    let f = forward(theta, s, o);
+    match s {
+        0 => f * (0.7 * next(0, 1.0) + 0.3 * next(1, 1.0)) + (1.0 - f) * next(0, 0.0),
+        _ => f * next(1, -1.0) + (1.0 - f) * next(0, 1.0),
+    }
+}
+
+/// What rollouts say of the gradient, in the layout of [`flat`], from the gradients that the networks are left with.
+fn estimate(training: &mut Training<'_>, experience: &Experience, poor: Option<&[f64]>) -> Vec<f64> {
+    let estimates = training.estimate(experience, poor);
+    let signals = Signals::new(experience, &estimates);
     let rows: Vec<usize> = (0..experience.steps.len()).collect();
     let config = config();
-    let batch = Batch { config: &config, experience: &experience, signals: &signals, rows: &rows };
+    let batch = Batch { config: &config, experience, signals: &signals, usage: None, rows: &rows };
     batch.differentiate(&mut training.learner);
 
     // Losses are means over steps, of advantages with deviation 1; `J` is a sum over the steps of a rollout.
     let deviation = |of: &dyn Fn(&Advantages) -> f64, wanted: &dyn Fn(usize) -> bool| {
         let values: Vec<f64> =
-            rows.iter().filter(|&&row| wanted(row)).map(|&row| of(&experience.advantages[row])).collect();
+            rows.iter().filter(|&&row| wanted(row)).map(|&row| of(&estimates.advantages[row])).collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
     };
-    let visits = experience.discounts.iter().sum::<f64>() / experience.ends.len() as f64;
+    let visits = estimates.visits;
     let of_actions = -visits * deviation(&|a| a.action, &|_| true);
     let of_draws = -visits * deviation(&|a| a.draw, &|row| experience.steps[row].drawn);
     let learner = &training.learner;
     let policies =
         learner.policies.iter().flat_map(|p| [&p.means.gradient[..], &p.log_std_gradient].concat());
     let interests = learner.interests.iter().flat_map(|net| net.gradient.clone());
-    let worth = training.worth_of_ending(&experience, &weights);
-    let end = training.termination_gradient(learner.termination, worth);
+    let end = training.termination_gradient(learner.termination, estimates.worth_of_ending());
     let scaled = |scale: f64| move |d: f32| scale * f64::from(d);
     policies.map(scaled(of_actions)).chain(interests.map(scaled(of_draws))).chain([end]).collect()
 }
 
-#[test]
-fn the_gradient_of_training_has_the_exact_one_as_its_mean() {
-    let config = config();
-    let tasks = TaskDistribution::new([("pay", Range { low: 0.5, high: 1.5 })]);
-    let initial_states = InitialStates { max_random_steps: 0, ..InitialStates::default() };
-    let practice = practice(&World::Hot, &tasks, &initial_states, 40, 1);
-    let mut training = Training::new(&config, &practice).unwrap();
-    let learner = &mut training.learner;
+/// Lets both options differ in both states.
+fn prepare(learner: &mut Learner) {
     learner.policies[0].means.network.params_mut().copy_from_slice(&[0.9, -0.6, 0.1]);
     learner.policies[1].means.network.params_mut().copy_from_slice(&[-0.8, 0.5, -0.1]);
     learner.interests[0].network.params_mut().copy_from_slice(&[0.8, -0.7, 0.1]);
     learner.interests[1].network.params_mut().copy_from_slice(&[-0.6, 0.9, 0.0]);
+}
 
-    let expected = {
-        let point = flat(&training.learner);
-        reference::differences(&point, &(0..point.len()).collect::<Vec<_>>(), objective)
-    };
-    // Each from a new training, whose normaliser changes nothing yet.
+/// Compares the mean of 40 estimates, each from a training of its own, with the derivatives of `objective`.
+fn check(
+    config: &InterestConfig,
+    (pay, steps): (Range, usize),
+    objective: impl Fn(&[f64]) -> f64,
+    estimate: impl Fn(&mut Training<'_>, &Experience) -> Vec<f64>,
+) {
+    let tasks = TaskDistribution::new([("pay", pay)]);
+    let initial_states = InitialStates { max_random_steps: 0, ..InitialStates::default() };
+    let mut expected = Vec::new();
     let estimates: Vec<Vec<f64>> = (0..40)
-        .map(|iteration| {
-            let mut afresh = Training::new(&config, &practice).unwrap();
-            afresh.learner = training.learner.clone();
-            estimate(&mut afresh, iteration)
+        .map(|seed| {
+            let practice = practice(&World::Hot, &tasks, &initial_states, steps, seed);
+            let mut training = Training::new(config, &practice, 1).unwrap();
+            // The critic, which no gradient of theirs should depend on, is another one each time.
+            prepare(&mut training.learner);
+            let experience = training.collect().unwrap();
+            let point = flat(&training.learner);
+            if expected.is_empty() {
+                expected = reference::differences(&point, &(0..point.len()).collect::<Vec<_>>(), &objective);
+            }
+            estimate(&mut training, &experience)
         })
         .collect();
     let n = estimates.len() as f64;
@@ -156,4 +194,35 @@ fn the_gradient_of_training_has_the_exact_one_as_its_mean() {
     }
     let share = (noise / signal).sqrt();
     assert!(share < 0.05, "standard errors of {share} of the gradient show nothing");
+}
+
+#[test]
+fn the_gradient_of_training_has_the_exact_one_as_its_mean() {
+    let pay = Range { low: 0.5, high: 1.5 };
+    check(&config(), (pay, 40), objective, |training, experience| estimate(training, experience, None));
+}
+
+#[test]
+fn the_price_of_poor_returns_has_the_exact_gradient_as_its_mean() {
+    let config = InterestConfig { steps: 30_000, rollout_steps: 30_000, context_pool: 10_000, ..config() };
+    let theta = {
+        let tasks = TaskDistribution::default();
+        let initial_states = InitialStates::default();
+        let practice = practice(&World::Hot, &tasks, &initial_states, 3, 0);
+        let mut learner = Training::new(&config, &practice, 1).unwrap().learner;
+        prepare(&mut learner);
+        flat(&learner)
+    };
+    // Returns are whole numbers; that of a rollout is poor when it is below ½.
+    let threshold = 0.5;
+    let mean = mean_over_returns(&theta, &|earned| earned);
+    let deviation = (mean_over_returns(&theta, &|earned| earned * earned) - mean * mean).sqrt();
+    let risk = Risk::NegativeTail { k: 2.0, alpha: (mean - threshold) / deviation };
+    let price = |theta: &[f64]| -2.0 * mean_over_returns(theta, &|earned| f64::from(earned < threshold));
+    check(&config, (Range { low: 1.0, high: 1.0 }, 3), price, |training, experience| {
+        let prices = risk::poor(experience, risk).unwrap();
+        let with = estimate(training, experience, Some(&prices));
+        let without = estimate(training, experience, None);
+        with.iter().zip(without).map(|(with, without)| with - without).collect()
+    });
 }

@@ -1,4 +1,4 @@
-//! The start from recordings: the policy of option `o` is fitted to what a teacher did in recording `o`, by behaviour cloning.
+//! The start from recordings: the policy of option `o` is fitted to what a teacher did in recording `o`, by behaviour cloning; those that fell are left out, so it is the `o`th of the others.
 //! Interests, `ε` and the critic begin as they do from scratch.
 //!
 //! All networks of a set see observations on one scale. From scratch it follows what the infant agent sees; from recordings it
@@ -16,7 +16,7 @@ use crate::kernels::running_moments::Normalizer;
 /// The scale of the recordings; `None` where practice begins from scratch.
 ///
 /// # Errors
-/// A recording that is none, or of another robot.
+/// A recording that is none, or of another robot; no recording where practice is to begin from some.
 pub(super) fn scale(
     config: &InterestConfig,
     practice: &Practice<'_>,
@@ -25,8 +25,10 @@ pub(super) fn scale(
     for recording in practice.demonstrations {
         demonstration::check(recording, spec, usize::MAX).map_err(TrainError::Other)?;
     }
-    let imitates = config.imitation_start && !practice.demonstrations.is_empty();
-    Ok(imitates.then(|| normalizer_of(practice.demonstrations, spec.observation_size)))
+    if config.imitation_start && practice.demonstrations.is_empty() {
+        return Err(TrainError::Other("`imitation_start` needs recordings to begin from".to_owned()));
+    }
+    Ok(config.imitation_start.then(|| normalizer_of(practice.demonstrations, spec.observation_size)))
 }
 
 /// Fits policies to recordings on their `scale`. Options for which there is none, because it fell, stay as they are.

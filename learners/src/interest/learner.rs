@@ -6,7 +6,8 @@ use elo_core::spec::SimulatorSpec;
 
 use super::config::{InterestConfig, LearningRates};
 use super::duration::Termination;
-use crate::nn::{Activations, Adam, Mlp, clip_grad_norm, lost_aim};
+use crate::divergence::divergence;
+use crate::nn::{Activations, Adam, Mlp, clip_grad_norm};
 
 /// A network with what its training needs.
 #[derive(Clone, Debug)]
@@ -16,6 +17,8 @@ pub(super) struct Net {
     activations: Activations,
     /// Of the loss by the parameters.
     pub gradient: Vec<f32>,
+    /// Whether the loss depends on this network at all.
+    concerned: bool,
     optimiser: Adam,
 }
 
@@ -25,7 +28,13 @@ impl Net {
             .expect("a valid config and spec have no width of zero");
         let count = network.params().len();
         let activations = network.activations();
-        Self { network, activations, gradient: vec![0.0; count], optimiser: Adam::new(count) }
+        Self {
+            network,
+            activations,
+            gradient: vec![0.0; count],
+            concerned: false,
+            optimiser: Adam::new(count),
+        }
     }
 
     /// The outputs for a batch.
@@ -37,18 +46,21 @@ impl Net {
     pub fn backward(&mut self, d_output: &[f32]) {
         self.gradient.fill(0.0);
         self.network.backward(&mut self.activations, d_output, &mut self.gradient);
+        self.concerned = true;
     }
 
-    /// The loss does not depend on this network.
+    /// The loss does not depend on this network: it stays as it is, and so does its optimiser, whose memory of other minibatches
+    /// would move it on.
     pub fn no_gradient(&mut self) {
         self.gradient.fill(0.0);
+        self.concerned = false;
     }
 
     /// Descends along the gradient, which is cut to `max_norm`, and returns how long it was; there is no step along one
-    /// that is not finite.
+    /// that is not finite, and none with a rate of 0.
     fn descend(&mut self, rate: f64, max_norm: f64) -> f32 {
         let norm = clip_grad_norm(&mut [&mut self.gradient], max_norm as f32);
-        if norm.is_finite() {
+        if norm.is_finite() && self.concerned && rate > 0.0 {
             self.optimiser.step(self.network.params_mut(), &self.gradient, rate);
         }
         norm
@@ -135,7 +147,9 @@ impl Learner {
         for Policy { means, log_std, log_std_gradient, optimiser } in &mut self.policies {
             finite("a policy", means.descend(rates.policies, max_norm))?;
             finite("a log standard deviation", clip_grad_norm(&mut [log_std_gradient], max_norm as f32))?;
-            optimiser.step(log_std, log_std_gradient, rates.policies);
+            if means.concerned && rates.policies > 0.0 {
+                optimiser.step(log_std, log_std_gradient, rates.policies);
+            }
         }
         for interest in &mut self.interests {
             finite("an interest", interest.descend(rates.interests, max_norm))?;
@@ -143,9 +157,11 @@ impl Learner {
         finite("the critic", self.critic.descend(rates.critic, max_norm))
     }
 
-    /// Why this is nothing to go on with.
-    pub fn divergence(&self) -> Option<String> {
-        self.policies.iter().find_map(|policy| lost_aim(&policy.log_std, "a policy"))
+    /// Why this is nothing to go on with, after an iteration that moved decisions by `kl` nats.
+    pub fn divergence(&self, kl: f32) -> Option<String> {
+        let networks = self.policies.iter().map(|policy| &policy.means).chain(&self.interests);
+        let params = networks.chain([&self.critic]).map(|net| net.network.params());
+        divergence(params, self.policies.iter().map(|policy| &policy.log_std[..]), kl)
     }
 
     /// All of it, in a fixed order. The logit of `ε` is [`Self::termination`]; its part is the optimiser alone.
@@ -163,6 +179,9 @@ impl Learner {
 
     /// Ascends along `dJ/dx`, `x` the logit of `ε`.
     pub fn ascend_termination(&mut self, gradient: f64, rate: f64) {
+        if rate <= 0.0 {
+            return;
+        }
         let mut logit = [self.termination.logit as f32];
         self.optimiser.step(&mut logit, &[-gradient as f32], rate);
         self.termination.logit = f64::from(logit[0]);
@@ -171,6 +190,8 @@ impl Learner {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
+
     use elo_core::conformance::point_mass::PointMassConfig;
     use elo_core::context::InitialStates;
     use elo_core::task::TaskDistribution;
@@ -187,12 +208,38 @@ mod tests {
     }
 
     #[test]
-    fn policies_that_no_longer_explore_or_aim_are_named() {
-        assert_eq!(learner().divergence(), None);
-        for log_std in [-9.0, 3.5, f32::NAN] {
+    fn each_part_that_diverges_is_noticed() {
+        assert_eq!(learner().divergence(6.1), None);
+        assert!(learner().divergence(f32::NAN).is_some());
+        let spoil: [fn(&mut Learner); 4] = [
+            |learner| learner.policies[1].log_std[0] = -9.0,
+            |learner| learner.policies[1].means.network.params_mut()[0] = f32::NAN,
+            |learner| learner.interests[1].network.params_mut()[0] = f32::NAN,
+            |learner| learner.critic.network.params_mut()[0] = f32::INFINITY,
+        ];
+        for spoil in spoil {
             let mut spoilt = learner();
-            spoilt.policies[1].log_std[0] = log_std;
-            assert!(spoilt.divergence().is_some_and(|reason| reason.contains("standard deviation")));
+            spoil(&mut spoilt);
+            assert!(spoilt.divergence(0.02).is_some());
+        }
+    }
+
+    #[test]
+    fn what_the_loss_does_not_depend_on_stays_as_it_is() {
+        let mut learner = learner();
+        let d_outputs = vec![1.0; 2];
+        let inputs = vec![0.5; 2 * learner.interests[0].network.input_size()];
+        let step = |learner: &mut Learner| learner.descend(LearningRates::default(), 0.5).unwrap();
+        for moves in [true, false, false, true] {
+            learner.interests[1].forward(&inputs);
+            if moves {
+                learner.interests[1].backward(&d_outputs);
+            } else {
+                learner.interests[1].no_gradient();
+            }
+            let before = learner.interests[1].network.clone();
+            step(&mut learner);
+            assert_eq!(learner.interests[1].network != before, moves);
         }
     }
 

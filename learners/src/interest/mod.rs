@@ -35,7 +35,8 @@
 //! all parts by the clipped gradients, as PPO does. Returns are in units of their own deviation; the advantages of actions
 //! and of draws are scaled to deviation 1, which changes the size of a part's gradient and not its direction, while that
 //! of `ε` keeps its size: it stands against `λ φ`. Unless `discounted_visits` asks for the letter of `J`, all steps of a
-//! rollout count alike, as if its states were starts: then `Σ_s` of Eq. 6.1 is over the states that the agent meets.
+//! rollout count alike, as is usual: leaving `γ^t` out learns as much from late steps as from early ones, and follows the gradient
+//! of no objective to the letter (Nota & Thomas 2020). `dV/dε` is then a mean over the states that the agent meets.
 //!
 //! # What `J` does not ask for
 //!
@@ -45,7 +46,7 @@
 //! something only beside those of the same training, so options of different trainings do not make a set.
 //!
 //! `diversity_weight` adds the entropy of how often each option is drawn *on the whole* ([`drawing::diversity`]), which one
-//! option for each state satisfies as well as any: in that world, with 0.3, each of two options makes more than a fifth of the
+//! option for each state satisfies as well as any: in that world, with 0.5, each of two options makes more than a fifth of the
 //! draws in every one of three trainings, at the same return; without, one of them makes less than a tenth in some.
 //!
 //! # Variants
@@ -65,6 +66,8 @@ mod imitation;
 mod learner;
 mod policy;
 mod practice;
+#[cfg(test)]
+mod reductions_test;
 mod risk;
 #[cfg(test)]
 mod tests;

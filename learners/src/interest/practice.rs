@@ -1,19 +1,19 @@
 //! Rollouts of the infant agent, and what is kept of them.
 
-use elo_core::context::Context;
-use elo_core::rollout::price;
+use elo_core::agent::pick;
+use elo_core::context::{Context, continue_past_end};
+use elo_core::rollout::{Horizon, price};
 use elo_core::seed::Stream;
 use elo_core::simulator::{End, Simulator, SimulatorError};
 use rand::RngExt as _;
 
-use super::advantages::{Advantages, Step};
 use super::drawing;
 use super::learner::Learner;
 use crate::acting::check_finite;
 use crate::kernels::running_moments::{Normalizer, RunningMoments};
 use crate::nn::{DiagonalGaussian, Scratch};
 
-/// The steps of one iteration, rollout after rollout; row `i` of each belongs to step `i`.
+/// The steps of some rollouts, one after the other; row `i` of each table belongs to step `i`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Experience {
     /// Normalised, one row a step.
@@ -24,22 +24,31 @@ pub(super) struct Experience {
     pub actions: Vec<f32>,
     /// `o_t`.
     pub options: Vec<usize>,
-    /// Rewards and values.
-    pub steps: Vec<Step>,
+    /// What else happened.
+    pub steps: Vec<Taken>,
     /// `log π_o(a|s)` when it was taken.
     pub log_probs: Vec<f32>,
     /// `log π_I(o|s)` when it was drawn; 0 where the option before went on.
     pub draw_log_probs: Vec<f32>,
-    /// Of each step's decisions.
-    pub advantages: Vec<Advantages>,
     /// Discounts `γ^t` since the rollout began.
     pub discounts: Vec<f64>,
     /// Where each rollout ended.
     pub ends: Vec<LastState>,
 }
 
+/// One control step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Taken {
+    /// Whether the option was drawn here, rather than continued.
+    pub drawn: bool,
+    /// `r_t`.
+    pub reward: f64,
+    /// Whether the rollout ends with this step, by itself or because it was cut short.
+    pub last: bool,
+}
+
 /// The state that the last step of a rollout led to.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum LastState {
     /// The task ended the episode there.
     Terminal,
@@ -49,21 +58,20 @@ pub(super) enum LastState {
         observation: Vec<f32>,
         /// The same with the task features.
         critic_input: Vec<f32>,
+        /// Whether that was for another reason than the time limit, so that what it has earned is no return.
+        early: bool,
     },
 }
 
-/// The infant agent while it learns: acts by what [`Learner`] is now, and remembers.
-pub(super) struct Infant<'a> {
-    /// Whose options it has.
-    pub learner: &'a Learner,
-    /// How observations are scaled.
-    pub normalizer: &'a Normalizer,
-    /// Of all observations acted on.
-    pub moments: &'a mut RunningMoments,
-    /// Where steps are added.
-    pub experience: &'a mut Experience,
-    /// Working memory.
-    pub scratch: Scratch,
+/// One rollout.
+#[derive(Clone, Debug)]
+pub(super) struct Rollout {
+    /// Its steps.
+    pub experience: Experience,
+    /// Of the observations that were acted on.
+    pub moments: RunningMoments,
+    /// Why there are no more of them, if the simulator failed.
+    pub failure: Option<SimulatorError>,
 }
 
 /// One rollout's task, start and limits.
@@ -72,23 +80,45 @@ pub(super) struct Episode<'a> {
     pub context: &'a Context,
     /// `τ` as the critic sees it.
     pub features: &'a [f32],
-    /// Time limit.
+    /// Time limit, and what a fall means.
+    pub horizon: &'a Horizon,
+    /// Steps that are wanted; at most the time limit.
     pub max_steps: u64,
     /// `γ`.
     pub gamma: f64,
 }
 
+/// The infant agent while it learns: acts by what [`Learner`] is now.
+pub(super) struct Infant<'a> {
+    /// Whose options it has.
+    pub learner: &'a Learner,
+    /// How observations are scaled.
+    pub normalizer: &'a Normalizer,
+    /// Working memory.
+    pub scratch: Scratch,
+}
+
 impl Infant<'_> {
     /// Rolls out, and remembers every step. A simulator that fails cuts the rollout short before the step that did not
     /// take place.
-    ///
-    /// # Errors
-    /// The simulator's, after everything up to it was remembered.
     pub fn roll_out(
         &mut self,
         simulator: &mut dyn Simulator,
         episode: &Episode<'_>,
         noise: &mut Stream,
+    ) -> Rollout {
+        let moments = RunningMoments::new(simulator.spec().observation_size);
+        let mut rollout = Rollout { experience: Experience::default(), moments, failure: None };
+        rollout.failure = self.run(simulator, episode, noise, &mut rollout).err();
+        rollout
+    }
+
+    fn run(
+        &mut self,
+        simulator: &mut dyn Simulator,
+        episode: &Episode<'_>,
+        noise: &mut Stream,
+        Rollout { experience, moments, .. }: &mut Rollout,
     ) -> Result<(), SimulatorError> {
         let Context { task, start } = episode.context;
         let spec = simulator.spec();
@@ -106,16 +136,13 @@ impl Infant<'_> {
             let (option, draw_log_prob) =
                 running.map_or_else(|| self.draw(&seen, noise), |option| (option, 0.0));
             let log_prob = self.act(option, &seen, noise, &mut action);
-            self.moments.update(&observation);
+            moments.update(&observation);
             clipped.copy_from_slice(&action);
             simulator.spec().clip(&mut clipped);
             let stepped = simulator.step(&clipped, &mut observation, &mut terms);
             let stepped = stepped.and_then(|end| check_finite(&observation, &terms).map(|()| end));
-            let end = stepped.inspect_err(|_| self.cut(elapsed, &seen, episode.features))?;
+            let end = stepped.inspect_err(|_| experience.break_off(&seen, episode.features))?;
 
-            let reward = price(&terms, &prices);
-            let last = end != End::Running || elapsed == episode.max_steps;
-            let experience = &mut *self.experience;
             experience.observations.extend(&seen);
             experience.critic_inputs.extend(seen.iter().chain(episode.features));
             experience.actions.extend(&action);
@@ -123,28 +150,27 @@ impl Infant<'_> {
             experience.log_probs.push(log_prob);
             experience.draw_log_probs.push(draw_log_prob);
             experience.discounts.push(discount);
-            experience.steps.push(Step { drawn, reward, last, ..Step::default() });
+            let fell_on = end == End::Terminated && !episode.horizon.stop_at_fall;
+            let last = (end != End::Running && !fell_on) || elapsed == episode.max_steps;
+            experience.steps.push(Taken { drawn, reward: price(&terms, &prices), last });
             if last {
                 self.normalizer.apply(&observation, &mut seen);
-                let terminal = end == End::Terminated;
-                let state =
-                    if terminal { LastState::Terminal } else { LastState::cut(&seen, episode.features) };
-                self.experience.ends.push(state);
+                let early = end == End::Truncated || elapsed < episode.horizon.steps as u64;
+                experience.ends.push(match end {
+                    End::Terminated if !fell_on => LastState::Terminal,
+                    _ => LastState::cut(&seen, episode.features, early),
+                });
                 break;
+            }
+            if fell_on {
+                continue_past_end(simulator, task, &mut observation)
+                    .inspect_err(|_| experience.break_off(&seen, episode.features))?;
             }
             discount *= episode.gamma;
             let ends = noise.random::<f64>() < self.learner.termination.probability();
             running = (!ends).then_some(option);
         }
         Ok(())
-    }
-
-    /// Ends the rollout after the steps before this one, where `seen` is what they led to.
-    fn cut(&mut self, elapsed: u64, seen: &[f32], features: &[f32]) {
-        if let (2.., Some(step)) = (elapsed, self.experience.steps.last_mut()) {
-            step.last = true;
-            self.experience.ends.push(LastState::cut(seen, features));
-        }
     }
 
     /// An option and the logarithm of its probability.
@@ -158,7 +184,7 @@ impl Infant<'_> {
         }
         let mut probabilities = vec![0.0; interests.len()];
         drawing::probabilities(&log_interests, &mut probabilities);
-        let option = drawing::pick(&probabilities, noise.random());
+        let option = pick(&probabilities, noise.random());
         // The probabilities are no longer needed.
         (option, drawing::log_probability(&log_interests, option, &mut probabilities) as f32)
     }
@@ -174,8 +200,58 @@ impl Infant<'_> {
     }
 }
 
+impl Experience {
+    /// How many rollouts.
+    pub fn rollouts(&self) -> f64 {
+        self.ends.len() as f64
+    }
+
+    /// Adds the steps of another rollout behind these.
+    pub fn append(&mut self, mut other: Self) {
+        self.observations.append(&mut other.observations);
+        self.critic_inputs.append(&mut other.critic_inputs);
+        self.actions.append(&mut other.actions);
+        self.options.append(&mut other.options);
+        self.steps.append(&mut other.steps);
+        self.log_probs.append(&mut other.log_probs);
+        self.draw_log_probs.append(&mut other.draw_log_probs);
+        self.discounts.append(&mut other.discounts);
+        self.ends.append(&mut other.ends);
+    }
+
+    /// Cuts one rollout short after `count` steps, if it has more.
+    pub fn truncate(&mut self, count: usize) {
+        let steps = self.steps.len();
+        if count >= steps {
+            return;
+        }
+        let row = |table: &[f32]| table[count * (table.len() / steps)..][..table.len() / steps].to_vec();
+        let (observation, critic_input) = (row(&self.observations), row(&self.critic_inputs));
+        self.ends = vec![LastState::Cut { observation, critic_input, early: true }];
+        for table in [&mut self.observations, &mut self.critic_inputs, &mut self.actions] {
+            table.truncate(count * (table.len() / steps));
+        }
+        self.options.truncate(count);
+        self.steps.truncate(count);
+        self.log_probs.truncate(count);
+        self.draw_log_probs.truncate(count);
+        self.discounts.truncate(count);
+        if let Some(step) = self.steps.last_mut() {
+            step.last = true;
+        }
+    }
+
+    /// Ends the rollout after the steps that there are, where `seen` is what they led to.
+    fn break_off(&mut self, seen: &[f32], features: &[f32]) {
+        if let Some(step) = self.steps.last_mut().filter(|step| !step.last) {
+            step.last = true;
+            self.ends.push(LastState::cut(seen, features, true));
+        }
+    }
+}
+
 impl LastState {
-    fn cut(seen: &[f32], features: &[f32]) -> Self {
-        Self::Cut { observation: seen.to_vec(), critic_input: [seen, features].concat() }
+    fn cut(seen: &[f32], features: &[f32], early: bool) -> Self {
+        Self::Cut { observation: seen.to_vec(), critic_input: [seen, features].concat(), early }
     }
 }

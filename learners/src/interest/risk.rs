@@ -7,11 +7,10 @@
 //! ∇ Pr(V < c) = ∇ E[1[V < c]] = E[ 1[V < c] Σ_t ∇ log(decision t) ]
 //! ```
 //!
-//! which is the gradient of a mean return in which the last step of a poor rollout costs 1 more. So `ψ_-` needs no gradient
-//! of its own: its price is taken from the reward of that step, and the advantages of all decisions before it share in the
-//! loss, discounted like any reward (to the letter with `γ = 1`). Whether a rollout will be poor depends on what it has
-//! earned so far, which the critic does not see: as with any critic that lacks something, the estimate is without bias for
-//! `gae_lambda = 1`.
+//! where any constant may be taken from `1[V < c]`; the share `p` of poor rollouts leaves the least noise. So each decision of a
+//! rollout, an action, a draw or an end alike, has `−k (1[V < c] − p)` added to its advantage; by the logit `x` of `ε` an end that
+//! happened (`b = 1`) or did not has `∇ log = b − ε`. Rewards and the critic know nothing of it. Returns here are the measured ones,
+//! undiscounted and over the horizon. A rollout that was cut short for another reason has no return, and pays nothing.
 //!
 //! `(μ*, σ*)` are mean and deviation of the returns of the iteration's own rollouts. Eq. 4.6 takes them from the best set by
 //! the mean; here the set at hand is the best that is known.
@@ -19,7 +18,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::advantages::Step;
+use super::advantages::{Advantages, Step};
+use super::duration::Termination;
+use super::practice::{Experience, LastState, Taken};
 
 /// See the module.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -44,38 +45,98 @@ fn one() -> f64 {
     1.0
 }
 
-/// Which rollouts of `steps`, in their order, are poor by `alpha`; rewards as the tasks pay them.
-pub(super) fn poor(steps: &[Step], alpha: f64) -> Vec<bool> {
-    let rollouts = steps.split_inclusive(|step| step.last);
-    let returns: Vec<f64> = rollouts.map(|rollout| rollout.iter().map(|step| step.reward).sum()).collect();
-    let count = returns.len() as f64;
-    let mean = returns.iter().sum::<f64>() / count;
-    let variance = returns.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
-    returns.iter().map(|value| *value < mean - alpha * variance.sqrt()).collect()
+/// `−k (1[V < c] − p)` of each rollout, in their order; `None` where poor returns have no price. Rewards must be as the tasks pay
+/// them.
+pub(super) fn poor(experience: &Experience, risk: Risk) -> Option<Vec<f64>> {
+    let Risk::NegativeTail { k, alpha } = risk else { return None };
+    let rollouts = experience.steps.split_inclusive(|step: &Taken| step.last).zip(&experience.ends);
+    let returns: Vec<Option<f64>> = rollouts
+        .map(|(rollout, end)| {
+            let whole = !matches!(end, LastState::Cut { early: true, .. });
+            whole.then(|| rollout.iter().map(|step| step.reward).sum())
+        })
+        .collect();
+    let count = returns.iter().flatten().count().max(1) as f64;
+    let mean = returns.iter().flatten().sum::<f64>() / count;
+    let variance = returns.iter().flatten().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+    let is_poor = |value: f64| f64::from(value < mean - alpha * variance.sqrt());
+    let share = returns.iter().flatten().map(|value| is_poor(*value)).sum::<f64>() / count;
+    Some(returns.iter().map(|value| value.map_or(0.0, |value| -k * (is_poor(value) - share))).collect())
 }
 
-/// Takes `price` from the last reward of each rollout that is poor.
-pub(super) fn charge(steps: &mut [Step], poor: &[bool], price: f64) {
-    let ends = steps.iter_mut().filter(|step| step.last);
-    for (end, _) in ends.zip(poor).filter(|(_, poor)| **poor) {
-        end.reward -= price;
+/// Adds each rollout's price to the advantages of its decisions.
+pub(super) fn charge(
+    advantages: &mut [Advantages],
+    steps: &[Step],
+    prices: &[f64],
+    termination: Termination,
+) {
+    let mut prices = prices.iter();
+    let mut price = prices.next();
+    for (row, (to, step)) in advantages.iter_mut().zip(steps).enumerate() {
+        let added = *price.expect("each rollout has a price");
+        to.action += added;
+        if step.drawn {
+            to.draw += added;
+        }
+        if step.last {
+            price = prices.next();
+        } else {
+            let ended = f64::from(steps[row + 1].drawn);
+            to.end += added * (ended - termination.probability()) / termination.slope();
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
+
     use super::*;
 
+    /// Rollouts of these rewards, all whole but for those that ended early.
+    fn rollouts(rewards: &[(&[f64], bool)]) -> Experience {
+        let mut experience = Experience::default();
+        for (rewards, early) in rewards {
+            let taken = |(t, reward): (usize, &f64)| Taken {
+                drawn: t == 0,
+                reward: *reward,
+                last: t + 1 == rewards.len(),
+            };
+            experience.steps.extend(rewards.iter().enumerate().map(taken));
+            let (observation, critic_input) = (Vec::new(), Vec::new());
+            experience.ends.push(LastState::Cut { observation, critic_input, early: *early });
+        }
+        experience
+    }
+
     #[test]
-    fn the_last_step_of_a_poor_rollout_pays() {
-        // Returns 3, 3, 3 and −1: mean 2, deviation √3; −1 is below 2 − √3 and above 2 − 2√3.
-        let step = |reward, last| Step { reward, last, ..Step::default() };
-        let rewards = [(1.0, false), (2.0, true), (3.0, true), (0.0, false), (3.0, true), (-1.0, true)];
-        let mut steps = rewards.map(|(reward, last)| step(reward, last));
-        assert_eq!(poor(&steps, 2.0), [false; 4]);
-        let found = poor(&steps, 1.0);
-        assert_eq!(found, [false, false, false, true]);
-        charge(&mut steps, &found, 5.0);
-        assert_eq!(steps.map(|step| step.reward), [1.0, 2.0, 3.0, 0.0, 3.0, -6.0]);
+    fn poor_rollouts_pay_and_the_others_are_paid() {
+        // Returns 3, 3, 3 and −1: mean 2, deviation √3; −1 is below 2 − √3 and above 2 − 2√3. The one cut short counts nowhere.
+        let experience = rollouts(&[
+            (&[1.0, 2.0], false),
+            (&[3.0], false),
+            (&[-9.0], true),
+            (&[0.0, 3.0], false),
+            (&[-1.0], false),
+        ]);
+        let prices = |alpha| poor(&experience, Risk::NegativeTail { k: 4.0, alpha }).unwrap();
+        assert_eq!(prices(2.0), [0.0; 5]);
+        assert_eq!(prices(1.0), [1.0, 1.0, 0.0, 1.0, -3.0]);
+        assert_eq!(poor(&experience, Risk::Mean), None);
+    }
+
+    #[test]
+    fn every_decision_of_a_rollout_shares_in_its_price() {
+        // ε = ¼: an end that happened counts (1 − ¼)·16/3 = 4, one that did not (0 − ¼)·16/3 = −4/3.
+        let step = |drawn, last| Step { drawn, last, ..Step::default() };
+        let steps = [step(true, false), step(false, false), step(true, true), step(true, true)];
+        let mut advantages = [Advantages { action: 0.5, draw: 0.0, end: 1.0 }; 4];
+        charge(&mut advantages, &steps, &[3.0, -6.0], Termination::lasting(3.0));
+        let expected = [(3.5, 3.0, -3.0), (3.5, 0.0, 13.0), (3.5, 3.0, 1.0), (-5.5, -6.0, 1.0)];
+        for (got, (action, draw, end)) in advantages.iter().zip(expected) {
+            let differences = [got.action - action, got.draw - draw, got.end - end];
+            assert!(differences.iter().all(|d| d.abs() < 1e-12), "{got:?}, expected {action} {draw} {end}");
+        }
     }
 }

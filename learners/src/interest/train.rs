@@ -1,24 +1,27 @@
 //! The training, from top to bottom: roll out the infant agent, estimate advantages, improve the policies, the interests
 //! and `ε`, and the critic.
 
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use elo_core::context::Context;
 use elo_core::policy::{Monitor, OptionLearner as _, Practice, TrainError};
 use elo_core::simulator::Simulator;
 use elo_core::spec::SimulatorSpec;
-use elo_core::task::Task;
+use elo_core::task::{Range, Task};
 use rand::RngExt as _;
 use rand::seq::SliceRandom as _;
 use serde::{Deserialize, Serialize};
 
 use super::advantages::{Advantages, advantages, value_target};
-use super::batch::Batch;
+use super::batch::{self, Batch};
 use super::config::InterestConfig;
 use super::duration::{Termination, clipped_end};
 use super::imitation;
 use super::learner::{Learner, Net, Policy};
 use super::policy::InterestPolicy;
-use super::practice::{Episode, Experience, Infant};
-use super::risk::{self, Risk};
+use super::practice::{Episode, Experience, Infant, Rollout};
+use super::risk;
 use super::valuation;
 use crate::acting::{Tally, draw_contexts};
 use crate::fields::refuse_faults;
@@ -27,6 +30,7 @@ use crate::kernels::gae::normalize;
 use crate::kernels::running_moments::{Normalizer, ReturnScaler, RunningMoments};
 use crate::nn::Scratch;
 use crate::normalized_mlp::NormalizedMlp;
+use crate::parallel::in_order;
 
 /// A set of options, learned together.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +51,7 @@ pub struct Point {
     pub mean_return: f64,
     /// Their mean length in control steps.
     pub mean_length: f64,
-    /// Mean number of actions of the options, `1/ε`.
+    /// Mean number of actions of the options, `1/ε`, where no rollout ends before.
     pub actions: f64,
     /// Mean number of continuations, `ρ = (1 − ε)/ε`.
     pub continuations: f64,
@@ -62,7 +66,7 @@ pub fn train(
     practice: &Practice<'_>,
     monitor: &mut dyn Monitor,
 ) -> Result<Learned, TrainError> {
-    let mut training = Training::new(config, practice)?;
+    let mut training = Training::new(config, practice, monitor.threads())?;
     match monitor.resume() {
         Some(bytes) => training.restore(&bytes)?,
         None => training.imitate()?,
@@ -86,10 +90,10 @@ pub fn train(
 pub(super) struct Training<'a> {
     config: &'a InterestConfig,
     practice: &'a Practice<'a>,
-    simulator: Box<dyn Simulator>,
-    spec: SimulatorSpec,
-    /// Where rollouts begin, and for what.
-    contexts: Vec<Context>,
+    /// One for each thread.
+    simulators: Vec<Box<dyn Simulator>>,
+    /// Where rollouts begin and for what, and how the critic sees the task.
+    contexts: Vec<(Context, Vec<f32>)>,
     /// The scale of observations, where practice begins from recordings.
     scale: Option<Normalizer>,
     /// What is being trained.
@@ -106,6 +110,8 @@ pub(super) struct Record {
     pub iteration: u64,
     /// Of all observations acted on.
     moments: RunningMoments,
+    /// How the networks saw observations in the last iteration.
+    normalizer: Normalizer,
     /// Scale of the rewards.
     scaler: ReturnScaler,
     /// Counts.
@@ -116,30 +122,40 @@ pub(super) struct Record {
 
 impl<'a> Training<'a> {
     /// Before the first iteration.
-    pub fn new(config: &'a InterestConfig, practice: &'a Practice<'a>) -> Result<Self, TrainError> {
+    pub fn new(
+        config: &'a InterestConfig,
+        practice: &'a Practice<'a>,
+        threads: usize,
+    ) -> Result<Self, TrainError> {
         refuse_faults(|faults| config.validate(faults)).map_err(TrainError::Other)?;
-        let mut simulator = practice.simulator.build()?;
-        let spec = simulator.spec().clone();
+        let simulators = (0..threads.max(1)).map(|_| practice.simulator.build());
+        let mut simulators = simulators.collect::<Result<Vec<_>, _>>()?;
+        let spec = simulators[0].spec().clone();
         let seed = practice.seed.child("contexts");
         let tasks = (0..config.context_pool)
             .map(|index| practice.tasks.draw(&mut seed.child("task").index(index).stream()));
         let contexts =
-            draw_contexts(practice.initial_states, simulator.as_mut(), tasks, &seed.child("start"))?;
+            draw_contexts(practice.initial_states, simulators[0].as_mut(), tasks, &seed.child("start"))?;
+        let with_features = |context: Context| {
+            let features = task_features(&context.task, practice, &spec);
+            (context, features)
+        };
+        let scale = imitation::scale(config, practice, &spec)?;
         Ok(Self {
-            contexts,
-            scale: imitation::scale(config, practice, &spec)?,
+            contexts: contexts.into_iter().map(with_features).collect(),
             learner: Learner::new(config, practice, &spec),
             record: Record {
                 iteration: 0,
                 moments: RunningMoments::new(spec.observation_size),
+                normalizer: scale.clone().unwrap_or_else(|| Normalizer::identity(spec.observation_size)),
                 scaler: ReturnScaler::new(1, config.discount.gamma),
                 tally: Tally::default(),
                 curve: Vec::new(),
             },
+            scale,
             config,
             practice,
-            simulator,
-            spec,
+            simulators,
         })
     }
 
@@ -147,11 +163,6 @@ impl<'a> Training<'a> {
     fn imitate(&mut self) -> Result<(), TrainError> {
         let Self { learner, practice, scale, .. } = self;
         scale.as_ref().map_or(Ok(()), |scale| imitation::imitate(learner, practice, scale))
-    }
-
-    /// How observations are scaled in this iteration.
-    fn normalizer(&self) -> Normalizer {
-        self.scale.clone().unwrap_or_else(|| self.record.moments.normalizer())
     }
 
     /// Whether not all steps have been taken.
@@ -163,9 +174,12 @@ impl<'a> Training<'a> {
     pub fn iterate(&mut self) -> Result<(), TrainError> {
         let mut experience = self.collect()?;
         self.log(&experience);
+        let poor = risk::poor(&experience, self.config.risk);
         self.scale_rewards(&mut experience);
-        self.estimate_advantages(&mut experience);
-        self.improve(&experience)
+        let estimates = self.estimate(&experience, poor.as_deref());
+        let moved = self.improve(&experience, &estimates);
+        moved
+            .and_then(|kl| self.learner.divergence(kl).map_or(Ok(()), Err))
             .map_err(|reason| TrainError::Diverged { steps: self.record.tally.steps, reason })?;
         self.record.iteration += 1;
         Ok(())
@@ -173,60 +187,56 @@ impl<'a> Training<'a> {
 
     /// Rolls out the infant agent in contexts of the pool.
     pub fn collect(&mut self) -> Result<Experience, TrainError> {
-        let seed = self.practice.seed.child("rollouts").index(self.record.iteration);
-        let left = self.config.steps - self.record.tally.steps;
+        let Self { config, practice, simulators, contexts, scale, learner, record } = self;
+        let seed = practice.seed.child("rollouts").index(record.iteration);
+        let left = config.steps - record.tally.steps;
         // What is left, divided evenly.
-        let wanted = left.div_ceil(left.div_ceil(self.config.rollout_steps));
-        let mut experience = Experience::default();
-        let normalizer = self.normalizer();
-        // Those that fail without a step are few, or else end the training.
-        for rollout in 0.. {
-            let done = experience.steps.len() as u64;
-            if done >= wanted {
-                break;
-            }
+        let wanted = left.div_ceil(left.div_ceil(config.rollout_steps));
+        if scale.is_none() {
+            record.normalizer = record.moments.normalizer();
+        }
+        let Record { moments, normalizer, tally, .. } = record;
+        let done = AtomicU64::new(0);
+        let roll_out = |simulator: &mut Box<dyn Simulator>, rollout: u64| {
             let seed = seed.index(rollout);
-            let which = seed.child("context").stream().random_range(0..self.contexts.len());
-            let context = &self.contexts[which];
-            let features = self.task_features(&context.task);
+            let which = seed.child("context").stream().random_range(0..contexts.len());
+            let (context, features) = &contexts[which];
             let episode = Episode {
                 context,
-                features: &features,
-                max_steps: (left - done).min(self.practice.steps as u64),
-                gamma: self.config.discount.gamma,
+                features,
+                horizon: &practice.horizon,
+                // Of what other threads are at nothing is known yet: then there are steps too many.
+                max_steps: (left - done.load(Ordering::Relaxed)).min(practice.horizon.steps as u64),
+                gamma: config.discount.gamma,
             };
-            self.record.tally.episodes += 1;
-            let mut infant = Infant {
-                learner: &self.learner,
-                normalizer: &normalizer,
-                moments: &mut self.record.moments,
-                experience: &mut experience,
-                scratch: Scratch::default(),
-            };
-            let noise = &mut seed.child("noise").stream();
-            if let Err(error) = infant.roll_out(self.simulator.as_mut(), &episode, noise) {
-                self.record.tally.fail(&error)?;
+            let mut infant = Infant { learner, normalizer, scratch: Scratch::default() };
+            infant.roll_out(simulator.as_mut(), &episode, &mut seed.child("noise").stream())
+        };
+        let mut experience = Experience::default();
+        // Those that fail without a step are few, or else end the training.
+        in_order(simulators, roll_out, |Rollout { experience: mut more, moments: seen, failure }| {
+            let allowed = left - done.load(Ordering::Relaxed);
+            more.truncate(allowed as usize);
+            tally.episodes += 1;
+            if let Some(error) = failure.filter(|_| (more.steps.len() as u64) < allowed)
+                && let Err(error) = tally.fail(&error)
+            {
+                return ControlFlow::Break(Err(error));
             }
-        }
-        self.record.tally.steps += experience.steps.len() as u64;
+            moments.merge(&seen);
+            experience.append(more);
+            done.store(experience.steps.len() as u64, Ordering::Relaxed);
+            if experience.steps.len() as u64 >= wanted {
+                ControlFlow::Break(Ok(()))
+            } else {
+                ControlFlow::Continue(())
+            }
+        })?;
+        tally.steps += experience.steps.len() as u64;
         Ok(experience)
     }
 
-    /// The parameters that `P` draws, each between −1 and 1 within what the simulator allows.
-    fn task_features(&self, task: &Task) -> Vec<f32> {
-        let feature = |name: &str| {
-            let (low, high) = self.spec.task_parameter(name).map_or((0.0, 0.0), |p| (p.low, p.high));
-            let middle = 0.5 * (low + high);
-            if high > low {
-                (2.0 * (self.spec.parameter_value(task, name) - middle) / (high - low)) as f32
-            } else {
-                0.0
-            }
-        };
-        self.practice.tasks.names().map(feature).collect()
-    }
-
-    /// Divides rewards by the deviation of the discounted returns seen so far, then takes the price of risk from them.
+    /// Divides rewards by the deviation of the discounted returns seen so far.
     fn scale_rewards(&mut self, experience: &mut Experience) {
         for step in &experience.steps {
             self.record.scaler.scale(0, step.reward);
@@ -235,43 +245,57 @@ impl<'a> Training<'a> {
             }
         }
         let factor = self.record.scaler.factor();
-        let poor = match self.config.risk {
-            Risk::Mean => None,
-            Risk::NegativeTail { k, alpha } => Some((risk::poor(&experience.steps, alpha), k)),
-        };
         experience.steps.iter_mut().for_each(|step| step.reward *= factor);
-        if let Some((poor, price)) = poor {
-            risk::charge(&mut experience.steps, &poor, price);
+    }
+
+    /// What the critic that saw the steps makes of them, and what `poor` rollouts cost, if any cost something.
+    pub fn estimate(&mut self, experience: &Experience, poor: Option<&[f64]>) -> Estimates {
+        let config = self.config;
+        let termination = self.learner.termination;
+        let steps = valuation::value(&mut self.learner, experience);
+        let mut all = vec![Advantages::default(); steps.len()];
+        advantages(&steps, termination, config.discount.into(), &mut all);
+        let targets = steps.iter().zip(&all).map(|(step, a)| value_target(step, a) as f32).collect();
+
+        let mean_discount = experience.discounts.iter().sum::<f64>() / steps.len() as f64;
+        for (advantages, discount) in all.iter_mut().zip(&experience.discounts) {
+            let weight = if config.discounted_visits { discount / mean_discount } else { 1.0 };
+            advantages.action *= weight;
+            advantages.draw *= weight;
+            advantages.end *= config.discount.gamma * weight;
+        }
+        if let Some(prices) = poor {
+            let scale = if config.discounted_visits { 1.0 / mean_discount } else { 1.0 };
+            let prices: Vec<f64> = prices.iter().map(|price| scale * price).collect();
+            risk::charge(&mut all, &steps, &prices, termination);
+        }
+        Estimates {
+            advantages: all,
+            targets,
+            visits: mean_discount * steps.len() as f64 / experience.rollouts(),
         }
     }
 
-    /// Of the three kinds of decisions, by the critic that saw the steps.
-    pub fn estimate_advantages(&mut self, experience: &mut Experience) {
-        valuation::value(&mut self.learner, experience);
-        let Experience { steps, advantages: to, .. } = experience;
-        to.resize(steps.len(), Advantages::default());
-        advantages(steps, self.learner.termination, self.config.discount.into(), to);
-    }
-
-    /// Epochs of gradient steps on shuffled minibatches, and after each one on `ε`. The error says why it cannot go on.
-    fn improve(&mut self, experience: &Experience) -> Result<(), String> {
+    /// Epochs of gradient steps on shuffled minibatches, and after each one on `ε`. Returns how far decisions have moved, in nats;
+    /// the error says why it cannot go on.
+    fn improve(&mut self, experience: &Experience, estimates: &Estimates) -> Result<f32, String> {
         let config = self.config;
-        let iteration = self.record.iteration;
         let rates = config.rates(self.record.tally.steps - experience.steps.len() as u64);
-        let weights = self.weights(experience);
-        let worth = self.worth_of_ending(experience, &weights);
-        let signals = Signals::new(experience, &weights);
+        let worth = estimates.worth_of_ending();
+        let signals = Signals::new(experience, estimates);
         let before = self.learner.termination;
         let count = experience.steps.len();
         let mut order: Vec<usize> = (0..count).collect();
         // Of equal size, so that none is a handful of steps.
         let batches = (count / config.minibatch).max(1);
-        let mut shuffler = self.practice.seed.child("shuffle").index(iteration).stream();
+        let mut shuffler = self.practice.seed.child("shuffle").index(self.record.iteration).stream();
+        let mut kl = 0.0;
         for _ in 0..config.epochs {
             order.shuffle(&mut shuffler);
+            let usage = batch::usage(config, experience, &mut self.learner);
             let mut moved = Vec::with_capacity(batches);
             for rows in order.chunks(count.div_ceil(batches)) {
-                let batch = Batch { config, experience, signals: &signals, rows };
+                let batch = Batch { config, experience, signals: &signals, usage: usage.as_deref(), rows };
                 moved.push(batch.differentiate(&mut self.learner));
                 self.learner.descend(rates, config.max_grad_norm)?;
             }
@@ -280,38 +304,23 @@ impl<'a> Training<'a> {
                 return Err(format!("the gradient of the termination probability is {gradient}"));
             }
             self.learner.ascend_termination(gradient, rates.termination);
-            if f64::from(typical_kl(moved)) >= config.target_kl {
+            kl = typical_kl(moved);
+            if f64::from(kl) >= config.target_kl {
                 break;
             }
         }
-        self.learner.divergence().map_or(Ok(()), Err)
+        Ok(kl)
     }
 
-    /// `dJ/dx = Σ_t w_t γ ε(1 − ε) A_end(t) − λ dφ/dx`, in the mean over rollouts; the first part clipped.
+    /// `dJ/dx = ε(1 − ε) dV/dε − λ dφ/dx`, the first part clipped; `worth` is `dV/dε`.
     pub fn termination_gradient(&self, before: Termination, worth: f64) -> f64 {
         let InterestConfig { continuations, duration_weight, clip, .. } = self.config;
         let now = self.learner.termination;
         clipped_end(now, before, worth, *clip) - duration_weight * continuations.d_cost(now)
     }
 
-    /// What each step counts, with mean 1.
-    pub fn weights(&self, experience: &Experience) -> Vec<f64> {
-        let count = experience.steps.len() as f64;
-        let mean = experience.discounts.iter().sum::<f64>() / count;
-        let weight = |discount: &f64| if self.config.discounted_visits { discount / mean } else { 1.0 };
-        experience.discounts.iter().map(weight).collect()
-    }
-
-    /// `dV/dε`: what ending is worth in the mean over steps, times the sum of `γ^t` in a rollout.
-    pub fn worth_of_ending(&self, experience: &Experience, weights: &[f64]) -> f64 {
-        let rollouts = experience.steps.iter().filter(|step| step.last).count() as f64;
-        let visits = experience.discounts.iter().sum::<f64>() / rollouts;
-        let ends = experience.advantages.iter().zip(weights).map(|(advantages, w)| w * advantages.end);
-        self.config.discount.gamma * visits * ends.sum::<f64>() / weights.len() as f64
-    }
-
     fn log(&mut self, experience: &Experience) {
-        let rollouts = experience.steps.iter().filter(|step| step.last).count() as f64;
+        let rollouts = experience.rollouts();
         let total: f64 = experience.steps.iter().map(|step| step.reward).sum();
         let termination = self.learner.termination;
         self.record.curve.push(Point {
@@ -325,7 +334,7 @@ impl<'a> Training<'a> {
 
     /// What came of it.
     pub fn finish(self) -> Learned {
-        let normalizer = self.normalizer();
+        let normalizer = self.record.normalizer;
         let Learner { policies, interests, termination, .. } = self.learner;
         let network = |network| NormalizedMlp::new(normalizer.clone(), network);
         let option = |(policy, interest): (Policy, Net)| InterestPolicy {
@@ -341,31 +350,54 @@ impl<'a> Training<'a> {
     }
 }
 
+/// The parameters that `P` draws, each from −1 to 1 over its range in `P`.
+fn task_features(task: &Task, practice: &Practice<'_>, spec: &SimulatorSpec) -> Vec<f32> {
+    let feature = |(name, Range { low, high }): (&str, Range)| {
+        let from_middle = spec.parameter_value(task, name) - 0.5 * (low + high);
+        if high > low { (2.0 * from_middle / (high - low)) as f32 } else { 0.0 }
+    };
+    practice.tasks.ranges().map(feature).collect()
+}
+
+/// What an iteration's steps say of the decisions in them.
+pub(super) struct Estimates {
+    /// Of each step's decisions, times what the step counts, with the price of risk.
+    pub advantages: Vec<Advantages>,
+    /// What the critic should have said of each step.
+    pub targets: Vec<f32>,
+    /// The sum of `γ^t` in a rollout, on average.
+    pub visits: f64,
+}
+
+impl Estimates {
+    /// `dV/dε`: what ending is worth in the mean over steps, times the sum of `γ^t` in a rollout.
+    pub fn worth_of_ending(&self) -> f64 {
+        let ends: f64 = self.advantages.iter().map(|advantages| advantages.end).sum();
+        self.visits * ends / self.advantages.len() as f64
+    }
+}
+
 /// What the gradient steps of one iteration are driven by, per step.
-pub(super) struct Signals {
-    /// `A_action`, scaled to deviation 1 and weighted.
+pub(super) struct Signals<'a> {
+    /// `A_action`, scaled to deviation 1.
     pub actions: Vec<f32>,
     /// `A_draw` likewise, over the steps where an option was drawn; 0 elsewhere.
     pub draws: Vec<f32>,
     /// What the critic should have said.
-    pub targets: Vec<f32>,
+    pub targets: &'a [f32],
 }
 
-impl Signals {
-    /// Of an iteration whose steps count `weights`.
-    pub fn new(experience: &Experience, weights: &[f64]) -> Self {
-        let Experience { steps, advantages, .. } = experience;
+impl<'a> Signals<'a> {
+    /// Of an iteration.
+    pub fn new(experience: &Experience, estimates: &'a Estimates) -> Self {
+        let Estimates { advantages, targets, .. } = estimates;
         let mut actions: Vec<f32> = advantages.iter().map(|a| a.action as f32).collect();
         normalize(&mut actions);
-        let drawn = || (0..steps.len()).filter(|&row| steps[row].drawn);
+        let drawn = || (0..advantages.len()).filter(|&row| experience.steps[row].drawn);
         let mut scaled: Vec<f32> = drawn().map(|row| advantages[row].draw as f32).collect();
         normalize(&mut scaled);
-        let mut draws = vec![0.0; steps.len()];
+        let mut draws = vec![0.0; advantages.len()];
         drawn().zip(scaled).for_each(|(row, advantage)| draws[row] = advantage);
-        for signal in [&mut actions, &mut draws] {
-            signal.iter_mut().zip(weights).for_each(|(s, w)| *s *= *w as f32);
-        }
-        let target = |(step, advantages)| value_target(step, advantages) as f32;
-        Self { actions, draws, targets: steps.iter().zip(advantages).map(target).collect() }
+        Self { actions, draws, targets }
     }
 }

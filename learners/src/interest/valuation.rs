@@ -1,9 +1,9 @@
 //! What the critic says of the states of an iteration: `Q(s,o|τ)`, and `V(s|τ)` by the interests (Eq. 6.5).
 
-use super::advantages::Values;
+use super::advantages::{Step, Values};
 use super::drawing;
 use super::learner::Learner;
-use super::practice::{Experience, LastState};
+use super::practice::{Experience, LastState, Taken};
 
 /// States that are valued at once.
 const BATCH: usize = 256;
@@ -45,12 +45,12 @@ impl Worth {
     }
 }
 
-/// Fills in the values of all steps. Those after a step are what the critic says of the next state with the option that was
-/// running, and 0 where the task ended the episode.
-pub(super) fn value(learner: &mut Learner, experience: &mut Experience) {
+/// The steps with their values. Those after a step are what the critic says of the next state with the option that was running,
+/// and 0 where the task ended the episode.
+pub(super) fn value(learner: &mut Learner, experience: &Experience) -> Vec<Step> {
     let (mut cut_observations, mut cut_critic_inputs) = (Vec::new(), Vec::new());
     for end in &experience.ends {
-        if let LastState::Cut { observation, critic_input } = end {
+        if let LastState::Cut { observation, critic_input, .. } = end {
             cut_observations.extend(observation);
             cut_critic_inputs.extend(critic_input);
         }
@@ -58,19 +58,17 @@ pub(super) fn value(learner: &mut Learner, experience: &mut Experience) {
     let along = Worth::of(learner, &experience.observations, &experience.critic_inputs);
     let beyond = Worth::of(learner, &cut_observations, &cut_critic_inputs);
 
-    let (mut ends, mut cut) = (experience.ends.iter(), 0);
-    for (row, (step, &option)) in experience.steps.iter_mut().zip(&experience.options).enumerate() {
-        step.here = along.values(row, option);
-        step.after = if step.last {
-            match ends.next() {
-                Some(LastState::Cut { .. }) => {
-                    cut += 1;
-                    beyond.values(cut - 1, option)
-                }
-                Some(LastState::Terminal) | None => Values::default(),
-            }
-        } else {
+    let (mut ends, mut cuts) = (experience.ends.iter(), 0..);
+    let rows = experience.steps.iter().zip(&experience.options).enumerate();
+    let valued = |(row, (&Taken { drawn, reward, last }, &option))| {
+        let after = if !last {
             along.values(row + 1, option)
+        } else if ends.next().expect("each rollout has an end") == &LastState::Terminal {
+            Values::default()
+        } else {
+            beyond.values(cuts.next().expect("numbers do not end"), option)
         };
-    }
+        Step { drawn, reward, here: along.values(row, option), after, last }
+    };
+    rows.map(valued).collect()
 }

@@ -3,6 +3,7 @@
 use elo_core::context::InitialStates;
 use elo_core::fault::Faults;
 use elo_core::policy::Practice;
+use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::simulator::{
     BuildError, End, Engine, Simulator, SimulatorConfig, SimulatorError, Start, State,
@@ -21,7 +22,8 @@ pub(super) fn practice<'a>(
     seed: u64,
 ) -> Practice<'a> {
     let seed = Seed::root(seed);
-    Practice { simulator, tasks, initial_states, set_size: 2, steps, demonstrations: &[], seed }
+    let horizon = Horizon { steps, discount: 1.0, stop_at_fall: true };
+    Practice { simulator, tasks, initial_states, set_size: 2, horizon, demonstrations: &[], seed }
 }
 
 /// Which world.

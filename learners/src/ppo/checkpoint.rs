@@ -2,8 +2,6 @@
 //!
 //! Every random draw has a stream named by counters, so that numbers are enough to go on. Training itself goes on from
 //! what it reads back from the bytes, whether or not it was interrupted.
-//!
-//! Layout: `u64` little-endian length of the JSON head, the head, a safetensors file of the rest.
 
 use elo_core::policy::{CurvePoint, Snapshot};
 use elo_core::seed::Seed;
@@ -15,6 +13,7 @@ use super::config::PpoConfig;
 use super::environment::AtRest;
 use super::learner::Learner;
 use crate::acting::Tally;
+use crate::checkpoint;
 use crate::kernels::running_moments::{ReturnScaler, RunningMoments};
 use crate::nn::{Adam, AdamState, Mlp};
 
@@ -94,9 +93,7 @@ impl Progress {
             adam_steps: [0, 1, 2].map(|index: usize| optimisers[index].state().steps),
             snapshot_steps: self.snapshots.iter().map(|snapshot| snapshot.steps).collect(),
         };
-        let head = serde_json::to_vec(&head).expect("counts, finite numbers and short names");
-        let length = (head.len() as u64).to_le_bytes();
-        [length.as_slice(), &head, &tensors.encode()].concat()
+        checkpoint::write(&head, &tensors)
     }
 
     /// Reads a checkpoint of a training with this config on a robot of this spec.
@@ -104,12 +101,7 @@ impl Progress {
     /// # Errors
     /// Bytes that [`Self::encode`] did not write, or of networks or environments of another shape.
     pub fn decode(bytes: &[u8], config: &PpoConfig, spec: &SimulatorSpec) -> Result<Self, BadCheckpoint> {
-        let cut = || BadCheckpoint("cut short".to_owned());
-        let (length, rest) = bytes.split_first_chunk::<8>().ok_or_else(cut)?;
-        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| cut())?;
-        let (head, tensors) = rest.split_at_checked(length).ok_or_else(cut)?;
-        let head: Head = serde_json::from_slice(head).map_err(|error| BadCheckpoint(error.to_string()))?;
-        let tensors = Tensors::decode(tensors).map_err(BadCheckpoint::from)?;
+        let (head, tensors) = checkpoint::read::<Head>(bytes).map_err(BadCheckpoint)?;
         if head.record.environments.len() != config.environments {
             return Err(BadCheckpoint(format!("it has {} environments", head.record.environments.len())));
         }

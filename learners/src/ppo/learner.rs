@@ -4,11 +4,8 @@ use elo_core::seed::Seed;
 use elo_core::spec::SimulatorSpec;
 
 use super::config::PpoConfig;
-use crate::nn::{Adam, Mlp, lost_aim};
-
-/// An iteration that moved the policy by more, in nats of Kullback–Leibler divergence, has lost the policy that the
-/// advantages are about. Without `target_kl`, iterations of Ants that went on to learn moved it by up to 6.
-const MAX_KL: f32 = 100.0;
+use crate::divergence::divergence;
+use crate::nn::{Adam, Mlp};
 
 /// `π_θ` and the critic `V`, with the optimisers' memory.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,14 +34,7 @@ impl Learner {
 
     /// Why this is no policy to go on with, after an iteration that moved it by `kl` nats.
     pub fn divergence(&self, kl: f32) -> Option<String> {
-        if !self.policy.params().iter().chain(self.critic.params()).all(|p| p.is_finite()) {
-            return Some("a parameter is not finite".to_owned());
-        }
-        lost_aim(&self.log_std, "the policy").or_else(|| {
-            // Written so that NaN is caught.
-            let kept = kl <= MAX_KL;
-            (!kept).then(|| format!("one iteration moved the policy by {kl:.2} nats, more than {MAX_KL}"))
-        })
+        divergence([self.policy.params(), self.critic.params()], [&self.log_std[..]], kl)
     }
 }
 
@@ -69,18 +59,18 @@ mod tests {
     }
 
     #[test]
-    fn each_way_to_diverge_is_named() {
+    fn each_part_that_diverges_is_noticed() {
         assert_eq!(learner().divergence(6.1), None);
-        let mut spoilt = learner();
-        spoilt.critic.params_mut()[3] = f32::NAN;
-        assert_eq!(spoilt.divergence(0.02).as_deref(), Some("a parameter is not finite"));
-        for log_std in [-9.0, 3.5, f32::NAN] {
+        assert!(learner().divergence(f32::NAN).is_some());
+        let spoil: [fn(&mut Learner); 3] = [
+            |learner| learner.policy.params_mut()[0] = f32::NAN,
+            |learner| learner.critic.params_mut()[3] = f32::NAN,
+            |learner| learner.log_std[0] = 3.5,
+        ];
+        for spoil in spoil {
             let mut spoilt = learner();
-            spoilt.log_std[0] = log_std;
-            assert!(spoilt.divergence(0.02).is_some_and(|reason| reason.contains("standard deviation")));
-        }
-        for kl in [101.0, f32::INFINITY, f32::NAN] {
-            assert!(learner().divergence(kl).is_some_and(|reason| reason.contains("nats")));
+            spoil(&mut spoilt);
+            assert!(spoilt.divergence(0.02).is_some());
         }
     }
 }

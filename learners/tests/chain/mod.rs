@@ -3,6 +3,7 @@
 //! Two actions move left or right, and slip to the other side in a fifth of the cases. Beyond the right end the episode
 //! terminates. Two tasks pay differently. Two options have a policy and an interest for each state, as logits.
 
+use elo_core::agent::pick;
 use elo_core::seed::Stream;
 use elo_learners::interest::advantages::{Step, Values};
 use elo_learners::interest::drawing;
@@ -200,14 +201,14 @@ pub fn step(
 /// One rollout of the infant agent in `task`, to its end (or to where `γ^t` is nothing), seen by a critic.
 pub fn rollout(theta: &Parameters, values: &OptionValues, task: usize, noise: &mut Stream) -> Vec<Taken> {
     let mut taken: Vec<Taken> = Vec::new();
-    let mut at = Some(drawing::pick(&START, noise.random()));
+    let mut at = Some(pick(&START, noise.random()));
     let mut running = None;
     while let Some(state) = at {
-        let option = running.unwrap_or_else(|| drawing::pick(&theta.drawing(state), noise.random()));
-        let action = drawing::pick(&theta.policy(option, state), noise.random());
+        let option = running.unwrap_or_else(|| pick(&theta.drawing(state), noise.random()));
+        let action = pick(&theta.policy(option, state), noise.random());
         let mut ways = next(state, action).to_vec();
         ways.push(1.0 - ways.iter().sum::<f64>());
-        let arrived = drawing::pick(&ways, noise.random());
+        let arrived = pick(&ways, noise.random());
         let after = (arrived < STATES).then_some(arrived);
         let mut step = step(theta, values, task, [state, option, action], after);
         step.drawn = running.is_none();

@@ -4,6 +4,7 @@ use std::error::Error;
 
 use elo_core::context::InitialStates;
 use elo_core::policy::{Practice, Practise as _, Unwatched};
+use elo_core::rollout::Horizon;
 use elo_core::seed::Seed;
 use elo_core::task::TaskDistribution;
 use elo_learners::interest::InterestConfig;
@@ -42,7 +43,7 @@ fn practice(engine: &str) -> Result<Costs, Box<dyn Error>> {
             tasks: &TaskDistribution::default(),
             initial_states: &initial_states,
             set_size: 5,
-            steps: 200,
+            horizon: Horizon { steps: 200, discount: 1.0, stop_at_fall: true },
             demonstrations: &[],
             seed: Seed::root(1),
         };

@@ -7,11 +7,12 @@ use super::super::compare::{granted, refused};
 use super::super::config::round_trip;
 use super::super::interruptible::{
     Interruptible, Stopwatch, Watched, goes_forward, obeys_stops, repeats, resumes, survives_damage,
-    tells_progress,
+    tells_progress, threads_change_nothing,
 };
 use super::{CONFIG_IS_VALID, Case, demonstration, malformed, same_option};
 use crate::context::InitialStates;
 use crate::policy::{Demonstration, Monitor, OptionLearner, Practice, Practise, Practised, TrainError, Way};
+use crate::rollout::Horizon;
 use crate::seed::Seed;
 use crate::task::TaskDistribution;
 
@@ -20,6 +21,7 @@ pub const CHECKS: &[Check<Case>] = &[
     CONFIG_IS_VALID,
     CONFIG_SURVIVES_FILES,
     PRACTICE_REPEATS,
+    THREADS_CHANGE_NOTHING,
     SEEDS_MATTER,
     SETS_HAVE_THE_SIZE_ASKED_FOR,
     LEARNED_OPTIONS_CONFORM,
@@ -66,7 +68,7 @@ impl Case {
                 tasks: &TaskDistribution::default(),
                 initial_states: &InitialStates { max_random_steps: 5, ..InitialStates::default() },
                 set_size: trial.set_size,
-                steps: STEPS,
+                horizon: Horizon { steps: STEPS, discount: 1.0, stop_at_fall: true },
                 demonstrations: &trial.demonstrations,
                 seed: Seed::root(trial.seed),
             },
@@ -83,7 +85,7 @@ fn practising(learner: &dyn OptionLearner) -> Result<&dyn Practise, Violation> {
     match learner.way() {
         Way::Practises(learner) => Ok(learner),
         Way::Imitates(_) | Way::Apprentices(_) => {
-            Err(Violation::new("the learner's way", "practising", "imitating"))
+            Err(Violation::new("the learner's way", "practising", "another"))
         }
     }
 }
@@ -146,6 +148,12 @@ const PRACTICE_REPEATS: Check<Case> = Check {
     name: "practice_repeats",
     rule: "The same practice gives the same set and curve, bit for bit, also on another thread.",
     run: repeats,
+};
+
+const THREADS_CHANGE_NOTHING: Check<Case> = Check {
+    name: "threads_change_nothing",
+    rule: "However many threads it may use, practice gives the same set and curve, bit for bit.",
+    run: threads_change_nothing,
 };
 
 const SEEDS_MATTER: Check<Case> = Check {
@@ -358,6 +366,9 @@ mod tests {
             let size = spec.action_size();
             let seed = self.seed(practice);
             let mut drift = self.begin(practice, &spec)?;
+            if self.is("threads_change_nothing") {
+                drift.forces[0] += monitor.threads() as f32;
+            }
             if let Some(bytes) = monitor.resume() {
                 drift = self.taken_up(&bytes, drift)?;
             }
@@ -402,7 +413,11 @@ mod tests {
     #[test]
     fn each_liar_is_caught_by_the_check_that_is_meant_for_it() {
         let also = |name: &str| -> &'static [&'static str] {
-            if name == PRACTICE_REPEATS.name { &["practice_resumes_with_the_same_bytes"] } else { &[] }
+            if name == PRACTICE_REPEATS.name {
+                &["threads_change_nothing", "practice_resumes_with_the_same_bytes"]
+            } else {
+                &[]
+            }
         };
         let lies: Vec<Lie<Box<Case>>> = CHECKS
             .iter()

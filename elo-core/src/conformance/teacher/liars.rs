@@ -104,6 +104,9 @@ impl TeacherConfig for Climber {
         if self.is("training_repeats") {
             seed = seed.index(u64::from(self.trainings.fetch_add(1, Ordering::Relaxed)));
         }
+        if self.is("threads_change_nothing") {
+            seed = seed.index(monitor.threads() as u64);
+        }
         if self.is("config_survives_files") {
             seed = seed.child(&self.forgotten.to_string());
         }
@@ -205,7 +208,8 @@ fn case(lie: &str) -> Case {
 const LIES: &[(&str, &[&str])] = &[
     ("config_is_valid", &[]),
     ("config_survives_files", &[]),
-    ("training_repeats", &["training_resumes_with_the_same_bytes"]),
+    ("training_repeats", &["threads_change_nothing", "training_resumes_with_the_same_bytes"]),
+    ("threads_change_nothing", &[]),
     ("stops_are_obeyed", &[]),
     ("training_resumes_with_the_same_bytes", &[]),
     ("damaged_checkpoints_change_nothing", &[]),

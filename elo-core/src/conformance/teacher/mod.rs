@@ -23,6 +23,7 @@ pub const CHECKS: &[Check<Case>] = &[
     CONFIG_IS_VALID,
     CONFIG_SURVIVES_FILES,
     training::TRAINING_REPEATS,
+    training::THREADS_CHANGE_NOTHING,
     training::STOPS_ARE_OBEYED,
     training::TRAINING_RESUMES_WITH_THE_SAME_BYTES,
     training::DAMAGED_CHECKPOINTS_CHANGE_NOTHING,

@@ -2,13 +2,20 @@
 
 use super::{Case, Check, Violation, digest, same_text};
 use crate::conformance::interruptible::{
-    Interruptible as _, goes_forward, growing, obeys_stops, repeats, resumes, survives_damage, tells_progress,
+    Interruptible as _, goes_forward, growing, obeys_stops, repeats, resumes, survives_damage,
+    tells_progress, threads_change_nothing,
 };
 
 pub(super) const TRAINING_REPEATS: Check<Case> = Check {
     name: "training_repeats",
     rule: "The same lesson gives the same policy, snapshots and curve, bit for bit, also on another thread.",
     run: repeats,
+};
+
+pub(super) const THREADS_CHANGE_NOTHING: Check<Case> = Check {
+    name: "threads_change_nothing",
+    rule: "However many threads it may use, training gives the same policy, snapshots and curve, bit for bit.",
+    run: threads_change_nothing,
 };
 
 pub(super) const STOPS_ARE_OBEYED: Check<Case> = Check {
