@@ -1,6 +1,8 @@
 //! Finds and starts the worker programs of engines that must not run inside `elo`.
 
+use std::ffi::OsString;
 use std::io;
+use std::path::PathBuf;
 use std::process::Command;
 
 use elo_core::experiment::Experiment;
@@ -35,6 +37,20 @@ pub fn remedy(program: &WorkerProgram) -> &'static str {
 /// How long a step may take, for workers that watch their environments.
 const STEP_SECONDS: &str = "ELO_STEP_SECONDS";
 
+/// What an interpreter finds in its environment where whoever runs this program has not set it: sets of strings are in the same
+/// order in each worker, a crash tells the line in Python, what is printed is not lost with its process, and each worker keeps to one core.
+const ENVIRONMENT: [(&str, &str); 6] = [
+    ("PYTHONHASHSEED", "0"),
+    ("PYTHONFAULTHANDLER", "1"),
+    ("PYTHONUNBUFFERED", "1"),
+    ("OMP_NUM_THREADS", "1"),
+    ("OPENBLAS_NUM_THREADS", "1"),
+    ("MKL_NUM_THREADS", "1"),
+];
+
+/// `python -m elo.worker`, but no module is taken from the folder in which this program happens to run: its entry in the path is empty.
+const WORKER: &str = "import sys; sys.path[:] = filter(None, sys.path); import elo.worker; elo.worker.main()";
+
 impl Programs {
     /// As the experiment's `[workers]` says.
     pub fn of(experiment: &Experiment) -> Self {
@@ -60,16 +76,21 @@ impl Programs {
 
     fn python(&self) -> Command {
         let mut command = Command::new(&self.workers.python);
-        command.args(["-m", "elo.worker"]).env(STEP_SECONDS, self.workers.step_seconds.to_string());
-        let own = std::env::var_os("PYTHONPATH");
-        let folders = self.workers.python_path.iter().map(Into::into).chain(own);
-        let folders: Vec<std::ffi::OsString> = folders.collect();
-        if let Ok(path) = std::env::join_paths(folders.iter().flat_map(std::env::split_paths))
+        command.args(["-c", WORKER]).env(STEP_SECONDS, self.workers.step_seconds.to_string());
+        command.envs(ENVIRONMENT.into_iter().filter(|(name, _)| std::env::var_os(name).is_none()));
+        if let Ok(path) = std::env::join_paths(self.folders())
             && !path.is_empty()
         {
             command.env("PYTHONPATH", path);
         }
         command
+    }
+
+    /// Where modules are looked for before the interpreter's own places. An empty entry would mean the working directory.
+    fn folders(&self) -> Vec<PathBuf> {
+        let own = std::env::var_os("PYTHONPATH");
+        let given: Vec<OsString> = self.workers.python_path.iter().map(Into::into).chain(own).collect();
+        given.iter().flat_map(std::env::split_paths).filter(|path| !path.as_os_str().is_empty()).collect()
     }
 }
 
@@ -81,5 +102,26 @@ impl Hosts for Programs {
         };
         let command = self.find(program).map_err(missing)?;
         WorkerProcess::spawn(command, &fingerprint(), self.workers.limits())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn interpreters_look_for_modules_where_the_config_says_and_not_where_this_program_runs() {
+        let workers = Workers { python_path: vec!["/a".to_owned(), String::new()], ..Workers::default() };
+        let programs = Programs { workers };
+        assert_eq!(programs.folders()[0], PathBuf::from("/a"));
+        assert!(programs.folders().iter().all(|path| !path.as_os_str().is_empty()));
+        let command = programs.find(&WorkerProgram::Interpreter("python")).unwrap();
+        let set = |name: &str| command.get_envs().find(|(key, _)| *key == name).and_then(|(_, value)| value);
+        assert!(set("PYTHONPATH").unwrap().to_str().unwrap().starts_with("/a"));
+        for (name, value) in ENVIRONMENT {
+            let own = std::env::var_os(name);
+            assert_eq!(set(name), own.is_none().then_some(value.as_ref()), "{name}");
+        }
     }
 }

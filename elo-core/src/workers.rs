@@ -20,8 +20,9 @@ pub struct Workers {
     pub python: String,
     /// Folders, relative to the config file, from which it imports modules before its own.
     pub python_path: Vec<String>,
-    /// Seconds that one step or reset of an environment in a worker may take. Then the worker ends itself, and its unit is
-    /// tried again. Engines of this program's own are not watched.
+    /// Seconds that one step or reset of an environment in Python may take, one reading of its state, or one action of a teacher.
+    /// Then the worker ends itself, and its unit is tried again. Imports, constructors and metrics may take as long as
+    /// `silence_seconds` allow. Engines of this program's own are not watched.
     #[schemars(range(min = 0.001))]
     pub step_seconds: f64,
     /// Seconds without a word of progress (a rollout, an iteration of training) after which a worker is killed and its

@@ -86,12 +86,12 @@ def closed_loop_run(elo_program: Path, tmp_path_factory: pytest.TempPathFactory)
 def discover(elo_program: Path, tmp_path: Path) -> Discover:
     """Runs `elo discover` on a `[simulator]` table; its results are in `tmp_path / "run"`."""
 
-    def run(simulator: str, *arguments: str, workers: str = "", out: str = "run") -> Ran:
+    def run(simulator: str, *arguments: str, workers: str = "", out: str = "run", cwd: Path | None = None) -> Ran:
         text = CONFIG.format(
             simulator=simulator, python=sys.executable, environments=ENVIRONMENTS, workers=workers
         )
         (tmp_path / "run.toml").write_text(text)
         command = [elo_program, "discover", tmp_path / "run.toml", "--out", tmp_path / out, *arguments]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, cwd=cwd)
 
     return run

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import elo.conformance
@@ -44,6 +45,10 @@ def wrong(how: str, marker: Path | None = None, at: float = 0.0) -> str:
     kwargs = {"how": how, "at": at, "marker": str(marker or "")}
     table = ", ".join(f"{key} = {json.dumps(value)}" for key, value in kwargs.items())
     return f'target = "toys:Wrong"\nkwargs = {{ {table} }}'
+
+
+TAUGHT = ["--set", 'teacher={kind="python",target="toys:controller"}']
+"""No training, in which a fault would count as a failed episode."""
 
 
 def failures(out: Path) -> list[dict[str, str]]:
@@ -146,19 +151,27 @@ def test_raising_once_in_training_ends_nothing(discover: Discover, tmp_path: Pat
 def test_raising_once_in_a_rollout_changes_no_byte(discover: Discover, tmp_path: Path) -> None:
     """It is tried again in a new environment, with the same seeds. No training comes before it here."""
     marker = tmp_path / "marker"
-    taught = ["--set", 'teacher={kind="python",target="toys:controller"}']
-    ran = discover(wrong("raises", marker, 0.52), *taught)
+    ran = discover(wrong("raises", marker, 0.52), *TAUGHT)
     assert ran.returncode == 0 and marker.exists() and failures(tmp_path / "run") == [], ran.stderr
-    assert discover(wrong("raises", marker, 0.52), *taught, out="undisturbed").returncode == 0
+    assert discover(wrong("raises", marker, 0.52), *TAUGHT, out="undisturbed").returncode == 0
     assert same(tmp_path / "run" / "results", tmp_path / "undisturbed" / "results")
     # What raises each time is a recorded failure, with its traceback.
-    assert discover(wrong("raises", at=0.9), *taught, out="always").returncode == 0
+    assert discover(wrong("raises", at=0.9), *TAUGHT, out="always").returncode == 0
     lost = failures(tmp_path / "always")
     assert lost and all("the motor is on fire" in row["reason"] for row in lost)
 
 
-@pytest.mark.parametrize("how", ["exits", "aborts", "segfaults", "hangs", "sleeps"])
-def test_a_fault_that_passes_changes_no_byte(discover: Discover, tmp_path: Path, how: str) -> None:
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("exits", "ended with exit code 0"),
+        ("aborts", "ended with signal 6 (SIGABRT)"),
+        ("segfaults", "ended with signal 11 (SIGSEGV)"),
+        ("hangs", "the environment did not come back within 1 s"),
+        ("sleeps", "the environment did not come back within 1 s"),
+    ],
+)
+def test_a_fault_that_passes_changes_no_byte(discover: Discover, tmp_path: Path, how: str, said: str) -> None:
     """The environment goes wrong once, in the middle of the run; its unit is done again with the same seeds."""
     marker = tmp_path / "marker"
     # The mass gets so far only in rollouts of trained options or teachers.
@@ -168,7 +181,11 @@ def test_a_fault_that_passes_changes_no_byte(discover: Discover, tmp_path: Path,
     assert marker.exists()
     again = discover(wrong(how, marker, 0.52), workers=limits, out="undisturbed")
     assert again.returncode == 0, again.stderr
-    assert "tried again" in ran.stderr or "ended" in ran.stderr, ran.stderr
+    lost = [line for line in ran.stderr.splitlines() if line.startswith("elo: the python worker, unit ")]
+    assert len(lost) == 1 and said in ran.stderr, ran.stderr
+    # Where its own code had the time to say so, the line in it is told.
+    assert how == "exits" or re.search(r'toys.py", line \d+ in step', ran.stderr), ran.stderr
+    assert "worker" not in again.stderr, again.stderr
     assert same(tmp_path / "run" / "results", tmp_path / "undisturbed" / "results")
 
 

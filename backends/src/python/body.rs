@@ -2,11 +2,11 @@
 
 use elo_core::scene::Pose;
 use elo_core::simulator::{BuildError, SimulatorError};
-use numpy::{PyArray1, PyArrayMethods as _};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use super::PythonBodyConfig;
-use super::interpreter::{array, bridge, refused, told};
+use super::interpreter::{Shared, bridge, refused, told};
 use super::watchdog::Call;
 use crate::locomotion::body::{ArticulatedBody, Dynamics, Reading};
 use crate::locomotion::model::RobotModel;
@@ -16,9 +16,9 @@ pub struct PythonBody {
     bridge: Py<PyAny>,
     /// `bridge.advance`, looked up once.
     advance: Py<PyAny>,
-    torques: Py<PyArray1<f64>>,
+    torques: Shared<f64>,
     /// What the bridge's `reading` holds; copied to `latest` after each call, so that reading cannot fail.
-    reading: Py<PyArray1<f64>>,
+    reading: Shared<f64>,
     latest: Vec<f64>,
     bodies: usize,
     joints: usize,
@@ -32,11 +32,11 @@ impl PythonBody {
     pub fn new(config: &PythonBodyConfig, model: &RobotModel) -> Result<Self, BuildError> {
         Python::attach(|py| -> PyResult<Self> {
             let bridge = bridge(py, "body", &config.told(model))?;
-            let reading = array::<f64>(&bridge, "reading")?;
+            let reading = Shared::of(&bridge, "reading")?;
             Ok(Self {
                 advance: bridge.getattr("advance")?.unbind(),
-                torques: array(&bridge, "torques")?,
-                latest: vec![0.0; reading.bind(py).len()?],
+                torques: Shared::of(&bridge, "torques")?,
+                latest: vec![0.0; reading.len(py)?],
                 reading,
                 bodies: model.bodies.len(),
                 joints: model.joints.len(),
@@ -51,8 +51,7 @@ impl PythonBody {
         let done = Python::attach(|py| {
             let _call = Call::begin();
             call(self, py)?;
-            self.latest.copy_from_slice(self.reading.bind(py).try_readonly()?.as_slice()?);
-            Ok(())
+            self.reading.read(py, &mut self.latest)
         });
         done.map_err(|error: PyErr| SimulatorError::Unstable(told(&error)))?;
         match self.latest.iter().all(|x| x.is_finite()) {
@@ -80,7 +79,7 @@ impl ArticulatedBody for PythonBody {
 
     fn advance(&mut self, torques: &[f64]) -> Result<(), SimulatorError> {
         self.call(|body, py| {
-            body.torques.bind(py).try_readwrite()?.as_slice_mut()?.copy_from_slice(torques);
+            body.torques.write(py, torques)?;
             body.advance.bind(py).call0().map(drop)
         })
     }

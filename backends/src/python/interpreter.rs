@@ -1,11 +1,10 @@
 //! Calls into the modules `elo._bridge.*` of the Python package, which know users' code.
 
-use numpy::{Element, PyArray1};
+use elo_core::simulator::BuildError;
+use numpy::{Element, PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
 
-use elo_core::simulator::BuildError;
-
-use super::watchdog::{self, Call};
+use super::watchdog;
 
 /// The `Bridge` of the module `elo._bridge.NAME`, made of a config.
 pub fn bridge<'py>(
@@ -15,13 +14,36 @@ pub fn bridge<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(config).expect("a config is plain data");
     watchdog::watch();
-    let _call = Call::begin();
     py.import(format!("elo._bridge.{name}"))?.getattr("Bridge")?.call1((text,))
 }
 
 /// An array of a bridge that both sides see.
-pub fn array<T: Element>(bridge: &Bound<'_, PyAny>, name: &str) -> PyResult<Py<PyArray1<T>>> {
-    Ok(bridge.getattr(name)?.cast_into::<PyArray1<T>>()?.unbind())
+pub struct Shared<T>(Py<PyArray1<T>>);
+
+impl<T: Element + Copy> Shared<T> {
+    /// The attribute `name` of `bridge`.
+    pub fn of(bridge: &Bound<'_, PyAny>, name: &str) -> PyResult<Self> {
+        Ok(Self(bridge.getattr(name)?.cast_into::<PyArray1<T>>()?.unbind()))
+    }
+
+    pub fn len(&self, py: Python<'_>) -> PyResult<usize> {
+        self.0.bind(py).len()
+    }
+
+    /// Copies what Python wrote into `to`, which has its length.
+    pub fn read(&self, py: Python<'_>, to: &mut [T]) -> PyResult<()> {
+        // SAFETY: this thread holds Python's lock, by which all Python code writes, and runs none before the slice is gone. Slices are
+        // made here and in `write` alone, and each is gone before the next is made.
+        to.copy_from_slice(unsafe { self.0.bind(py).as_slice() }?);
+        Ok(())
+    }
+
+    /// Copies `from`, which has its length, to where Python reads it.
+    pub fn write(&self, py: Python<'_>, from: &[T]) -> PyResult<()> {
+        // SAFETY: as in `read`.
+        unsafe { self.0.bind(py).as_slice_mut() }?.copy_from_slice(from);
+        Ok(())
+    }
 }
 
 /// An exception with its traceback; those of our own kind are for users and need none.

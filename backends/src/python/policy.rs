@@ -12,7 +12,7 @@ use rand::RngExt as _;
 
 use super::interpreter::{bridge, refused, told};
 use super::teacher::{Call, PythonTeacherConfig};
-use super::watchdog;
+use super::watchdog::Call as Watched;
 
 /// See the [module](self).
 pub struct PythonPolicy {
@@ -30,7 +30,6 @@ impl PythonPolicy {
         let policy = Python::attach(|py| {
             let bridge = bridge(py, "teacher", config)?;
             let call = serde_json::to_string(call).expect("plain data");
-            let _call = watchdog::Call::begin();
             let policy = bridge.call_method1("policy", (call, spec.observation_size, spec.action_size()))?;
             Ok(policy.unbind())
         });
@@ -42,7 +41,7 @@ impl TeacherPolicy for PythonPolicy {
     fn act(&self, observation: &[f32], noise: Option<&mut Stream>, action: &mut [f32]) {
         let seed = noise.map(|noise| noise.random::<u64>());
         let acted = Python::attach(|py| -> PyResult<()> {
-            let _call = watchdog::Call::begin();
+            let _call = Watched::begin();
             let given = self.bridge.bind(py).call1((PyArray1::from_slice(py, observation), seed))?;
             action.copy_from_slice(given.extract::<PyReadonlyArray1<'_, f32>>()?.as_slice()?);
             Ok(())

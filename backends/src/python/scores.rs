@@ -6,7 +6,6 @@ use pyo3::prelude::*;
 
 use super::interpreter::{bridge, told};
 use super::metric::PythonMetricConfig;
-use super::watchdog::Call;
 
 /// The scores of `samples`, which are of one size.
 ///
@@ -21,7 +20,6 @@ pub fn scores(
         let bridge = bridge(py, "metric", config)?;
         let returns = PyArray2::from_vec2(py, samples)
             .map_err(|error| pyo3::exceptions::PyValueError::new_err(error.to_string()))?;
-        let _call = Call::begin();
         let given = bridge.call_method1("scores", (returns, reference.mean, reference.standard_deviation))?;
         Ok(given.extract::<PyReadonlyArray1<'_, f64>>()?.as_slice()?.to_vec())
     })

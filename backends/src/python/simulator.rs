@@ -5,12 +5,12 @@ use elo_core::simulator::{
 };
 use elo_core::spec::SimulatorSpec;
 use elo_core::task::Task;
-use numpy::{PyArray1, PyArrayMethods};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::config::{Described, PythonConfig};
-use super::interpreter::{array, bridge, refused, told};
+use super::interpreter::{Shared, bridge, refused, told};
 use super::watchdog::Call;
 
 /// See the [module](super).
@@ -20,9 +20,11 @@ pub struct PythonSimulator {
     /// `bridge.step`, looked up once.
     step: Py<PyAny>,
     /// Arrays that both sides see.
-    action: Py<PyArray1<f32>>,
-    observation: Py<PyArray1<f32>>,
-    terms: Py<PyArray1<f64>>,
+    action: Shared<f32>,
+    observation: Shared<f32>,
+    terms: Shared<f64>,
+    /// The action as it is given to the environment.
+    clipped: Vec<f32>,
     begun: bool,
     running: bool,
 }
@@ -37,8 +39,8 @@ impl PythonSimulator {
         let made = Python::attach(|py| -> PyResult<_> {
             let bridge = bridge(py, "environment", config)?;
             let described: String = bridge.call_method0("describe")?.extract()?;
-            let (action, observation) = (array(&bridge, "action")?, array(&bridge, "observation")?);
-            let (terms, step) = (array(&bridge, "terms")?, bridge.getattr("step")?.unbind());
+            let (action, observation) = (Shared::of(&bridge, "action")?, Shared::of(&bridge, "observation")?);
+            let (terms, step) = (Shared::of(&bridge, "terms")?, bridge.getattr("step")?.unbind());
             Ok((described, action, observation, terms, step, bridge.unbind()))
         });
         let (described, action, observation, terms, step, bridge) = made.map_err(refused)?;
@@ -50,8 +52,10 @@ impl PythonSimulator {
                 config.target
             )));
         }
+        let spec = config.spec_with(&described);
         Ok(Self {
-            spec: config.spec_with(&described),
+            clipped: vec![0.0; spec.action_size()],
+            spec,
             bridge,
             step,
             action,
@@ -71,11 +75,19 @@ impl PythonSimulator {
         let done = Python::attach(|py| {
             let _call = Call::begin();
             call(self.bridge.bind(py))?;
-            observation.copy_from_slice(self.observation.bind(py).try_readonly()?.as_slice()?);
-            Ok(())
+            self.observation.read(py, observation)
         });
-        done.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))
+        done.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))?;
+        trusted(observation, &[])
     }
+}
+
+/// Refuses what an environment gave where it is not finite.
+fn trusted(observation: &[f32], reward_terms: &[f64]) -> Result<(), SimulatorError> {
+    if observation.iter().all(|x| x.is_finite()) && reward_terms.iter().all(|x| x.is_finite()) {
+        return Ok(());
+    }
+    Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()))
 }
 
 impl Simulator for PythonSimulator {
@@ -124,15 +136,14 @@ impl Simulator for PythonSimulator {
         check_length("observation", observation.len(), self.spec.observation_size)?;
         check_length("reward terms", reward_terms.len(), self.spec.reward_terms.len())?;
         check_action(action)?;
+        self.clipped.copy_from_slice(action);
+        self.spec.clip(&mut self.clipped);
         let end = Python::attach(|py| -> PyResult<u8> {
             let _call = Call::begin();
-            let mut given = self.action.bind(py).try_readwrite()?;
-            given.as_slice_mut()?.copy_from_slice(action);
-            self.spec.clip(given.as_slice_mut()?);
-            drop(given);
+            self.action.write(py, &self.clipped)?;
             let end = self.step.bind(py).call0()?.extract()?;
-            observation.copy_from_slice(self.observation.bind(py).try_readonly()?.as_slice()?);
-            reward_terms.copy_from_slice(self.terms.bind(py).try_readonly()?.as_slice()?);
+            self.observation.read(py, observation)?;
+            self.terms.read(py, reward_terms)?;
             Ok(end)
         });
         let end = match end.map_err(|error| SimulatorError::Engine(told(&error)))? {
@@ -140,10 +151,7 @@ impl Simulator for PythonSimulator {
             1 => End::Terminated,
             _ => End::Truncated,
         };
-        let finite = observation.iter().all(|x| x.is_finite()) && reward_terms.iter().all(|x| x.is_finite());
-        if !finite {
-            return Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()));
-        }
+        trusted(observation, reward_terms)?;
         self.running = end == End::Running;
         Ok(end)
     }
@@ -156,6 +164,7 @@ impl Simulator for PythonSimulator {
             return Err(SimulatorError::NoEpisode);
         }
         let state = Python::attach(|py| {
+            let _call = Call::begin();
             let (positions, velocities, memory, elapsed) =
                 self.bridge.bind(py).call_method0("state")?.extract()?;
             Ok(State { positions, velocities, memory, elapsed })

@@ -57,6 +57,18 @@ class Wrong(Mass):
         if how == "discrete":
             self.action_space = gymnasium.spaces.Discrete(3)  # type: ignore[assignment]
 
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        observation, info = super().reset(seed=seed, options=options)
+        return observation * (np.nan if self.how == "nan at reset" else 1.0), info
+
+    def get_state(self) -> Any:
+        if self.how == "sleeps when asked":
+            time.sleep(1000)
+        return super().get_state()
+
+    def set_state(self, state: Any) -> Any:
+        return super().set_state(state) * (np.nan if self.how == "nan when set" else 1.0)
+
     def step(self, action: Any) -> Any:
         observation, reward, terminated, truncated, info = super().step(action)
         if self.how == "hidden counter":
@@ -89,7 +101,78 @@ class Wrong(Mass):
             return observation, reward, terminated, info
         if self.how == "no reward":
             reward = None
+        if self.how == "no term":
+            info["reward_terms"]["effort"] = None
         return observation, reward, terminated, truncated, info
+
+
+class Asked(Mass):
+    """Its goal goes with a reset; without one it is 1."""
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        self.goal = (options or {}).get("goal", 1.0)
+        return super().reset(seed=seed, options=options)
+
+
+class Fragile(Mass):
+    """Cannot be made heavier than 1.5, and cannot be used once it is closed."""
+
+    def __init__(self, weight: float = 1.0) -> None:
+        if weight > 1.5:
+            raise RuntimeError("the mass is too heavy")
+        super().__init__(weight)
+        self.closed = False
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        assert not self.closed
+        return super().reset(seed=seed, options=options)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Row(Mass):
+    """Its state is one array."""
+
+    def get_state(self) -> Any:
+        return np.array([[self.place, self.speed]])
+
+    def set_state(self, state: Any) -> Any:
+        assert isinstance(state, np.ndarray) and state.shape == (1, 2), state
+        self.place, self.speed = state[0].tolist()
+        return self._see()
+
+
+class Doubled(gymnasium.ObservationWrapper[Any, Any, Any]):
+    """Shows twice what there is."""
+
+    def observation(self, observation: Any) -> Any:
+        return 2.0 * observation
+
+
+class Cut(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Shows the place alone, without a method that says so."""
+
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float32)
+
+
+def doubled() -> Any:
+    """A wrapped mass."""
+    return Doubled(Mass())
+
+
+def cut() -> Any:
+    """A mass in a wrapper through which a state cannot be seen."""
+    return Cut(Mass())
+
+
+def boxed() -> Any:
+    """One whose package is missing, as Gymnasium tells it."""
+    raise gymnasium.error.DependencyNotInstalled('Boxes are missing: `pip install "gymnasium[boxes]"`')
+
+
+gymnasium.register("Mass-v0", Mass, max_episode_steps=5)
+gymnasium.register("Boxed-v0", boxed)
 
 
 def controller(task: dict[str, float], seed: int, gain: float = 2.0, how: str = "") -> Any:

@@ -1,0 +1,64 @@
+"""The interpreters in which environments run: where they find modules, what watches them, and what is told when they are lost."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from conftest import Discover
+from test_simulators import MASS, TAUGHT, failures, wrong
+
+
+def test_the_working_directory_shadows_no_module(discover: Discover, tmp_path: Path) -> None:
+    folder = tmp_path / "here"
+    folder.mkdir()
+    for name in ("gymnasium", "elo", "numpy", "runpy", "toys"):
+        (folder / f"{name}.py").write_text("raise RuntimeError('this is the wrong module')\n")
+    ran = discover(MASS, cwd=folder)
+    assert ran.returncode == 0, ran.stderr
+
+
+def test_what_takes_long_to_import_is_no_step_that_takes_long(discover: Discover) -> None:
+    ran = discover('target = "slow:Mass"', workers="step_seconds = 1.0")
+    assert ran.returncode == 0 and "did not come back" not in ran.stderr, ran.stderr
+
+
+def test_reading_a_state_is_watched(discover: Discover) -> None:
+    simulator = wrong("sleeps when asked") + "\nstate = {}"
+    ran = discover(simulator, "--set", "workers.silence_seconds=20", workers="step_seconds = 0.5")
+    assert ran.returncode == 1 and "did not come back within 0.5 s" in ran.stderr, ran.stderr
+
+
+CRASHES = [("segfaults", "SIGSEGV"), ("aborts", "SIGABRT")]
+
+
+@pytest.mark.parametrize(("how", "signal"), CRASHES)
+def test_a_rollout_that_crashes_each_time_is_recorded(discover: Discover, tmp_path: Path, how: str, signal: str) -> None:
+    """Where `at` is below 0, which it is in a sixth of the tasks and not in the teacher's."""
+    at = 'name = "at"\ndefault = 100.0\nlow = -20.0\nhigh = 100.0\nbinding = "attribute"'
+    sizes = ["--set", "tasks={at={low=-20.0,high=100.0}}", "--set", "initial_states.max_random_steps=0", "--set", "seed=2"]
+    ran = discover(f"{wrong(how)}\n[[simulator.task_parameters]]\n{at}", *TAUGHT, *sizes)
+    assert ran.returncode == 0, ran.stderr
+    lost = failures(tmp_path / "run")
+    assert lost and all(signal in row["reason"] and "toys.py" in row["reason"] for row in lost), lost
+
+
+@pytest.mark.parametrize(("how", "signal"), CRASHES)
+def test_a_crash_tells_its_signal_and_its_line(discover: Discover, how: str, signal: str) -> None:
+    ran = discover(wrong(how))
+    assert ran.returncode == 1 and signal in ran.stderr, ran.stderr
+    assert re.search(r'toys.py", line \d+ in step', ran.stderr), ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("toys:Boxed-v0", 'pip install "gymnasium[boxes]"'),
+        ("nowhere.inside:Boxed-v0", "finds no module `nowhere`; install it there"),
+        ("nowhere:Env", "finds no module `nowhere`; install it there"),
+    ],
+)
+def test_a_package_that_is_missing_is_told_with_how_to_install_it(discover: Discover, target: str, said: str) -> None:
+    ran = discover(f'target = "{target}"')
+    assert ran.returncode == 2 and said in ran.stderr and "Traceback" not in ran.stderr, ran.stderr
