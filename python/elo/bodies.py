@@ -56,28 +56,63 @@ class Robot:
 
 
 class Reading:
-    """Where everything is, for a body to fill in. All arrays are of float64, in m, rad, m/s and rad/s."""
+    """Where everything is, for a body to fill in. All arrays are of float64, in m, rad, m/s and rad/s.
+
+    Write into them, `reading.positions[:] = …`: an array of your own in the place of one of them would be read by nobody, and
+    assigning one raises AttributeError.
+    """
 
     def __init__(self, robot: Robot) -> None:
         bodies, joints = len(robot.bodies), len(robot.joints)
         sizes = [3 * bodies, 4 * bodies, 3, joints, joints, bodies, robot.positions, robot.velocities]
-        self.all: Array = np.zeros(sum(sizes))
-        parts = np.split(self.all, np.cumsum(sizes)[:-1])
-        self.body_positions: Array = parts[0].reshape(bodies, 3)
+        self._all: Array = np.zeros(sum(sizes))
+        self._parts = np.split(self._all, np.cumsum(sizes)[:-1])
+        self._parts[:2] = self._parts[0].reshape(bodies, 3), self._parts[1].reshape(bodies, 4)
+
+    @property
+    def all(self) -> Array:
+        """All of them, one after the other."""
+        return self._all
+
+    @property
+    def body_positions(self) -> Array:
         """Of each body's frame, in the world."""
-        self.body_rotations: Array = parts[1].reshape(bodies, 4)
+        return self._parts[0]
+
+    @property
+    def body_rotations(self) -> Array:
         """Unit quaternions of each body's frame, w first."""
-        self.torso_velocity: Array = parts[2]
+        return self._parts[1]
+
+    @property
+    def torso_velocity(self) -> Array:
         """Linear velocity of the torso's centre of mass, in world axes."""
-        self.joint_positions: Array = parts[3]
+        return self._parts[2]
+
+    @property
+    def joint_positions(self) -> Array:
         """Of the joints with motors, in the order of the motors."""
-        self.joint_velocities: Array = parts[4]
-        self.on_floor: Array = parts[5]
+        return self._parts[3]
+
+    @property
+    def joint_velocities(self) -> Array:
+        """Of the joints with motors, in the order of the motors."""
+        return self._parts[4]
+
+    @property
+    def on_floor(self) -> Array:
         """1 for bodies that touch the floor, 0 for the others."""
-        self.positions: Array = parts[6]
+        return self._parts[5]
+
+    @property
+    def positions(self) -> Array:
         """Generalised positions."""
-        self.velocities: Array = parts[7]
+        return self._parts[6]
+
+    @property
+    def velocities(self) -> Array:
         """Generalised velocities."""
+        return self._parts[7]
 
 
 class Body(Protocol):

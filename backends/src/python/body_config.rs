@@ -30,8 +30,8 @@ pub struct PythonBodyConfig {
     /// A robot of the user's own: a table as in `examples/hopper-quick.toml`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_robot: Option<RobotDescription>,
-    /// Versions of what the body's numbers depend on, and a hash of its own source file: part of every result's key.
-    /// Written by the program.
+    /// Versions of what the body's numbers depend on, and hashes of the source files of the target, of its class and of its base
+    /// classes: part of every result's key. Written by the program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub described: Option<String>,
 }

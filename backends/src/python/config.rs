@@ -75,19 +75,20 @@ pub enum ParameterBinding {
     Constructor,
     /// An attribute of the unwrapped environment, set before each reset.
     Attribute,
-    /// An entry of `reset`'s `options`.
+    /// An entry of `reset`'s `options`. An episode that begins in a state is reset with them first.
     Option,
     /// Not at all: it is the price of a reward term.
     Price,
 }
 
-/// Methods of the unwrapped environment.
+/// Methods of the environment, or of the outermost wrapper that has both.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StateMethods {
     /// Takes nothing; gives a mapping with `positions`, `velocities` and `memory`, or one array.
     pub get: String,
-    /// Takes what `get` gave; gives the observation there.
+    /// Takes the same: a mapping with arrays of these names, or one array, in the shapes that `get` gave. Gives the observation
+    /// there, which then passes through the method `observation` of each wrapper around.
     pub set: String,
 }
 
@@ -109,8 +110,9 @@ pub struct Described {
     pub action_high: Vec<f32>,
     /// Simulated seconds between two actions.
     pub control_step: f64,
-    /// Versions of Python, NumPy, Gymnasium and the target's package, and a hash of the target's own source file. They
-    /// are part of every result's key.
+    /// Versions of Python, NumPy, Gymnasium and the target's packages, and hashes of source files: of the module that the target
+    /// names, and of those in which it, the environment, its wrappers and their base classes are written. They are part of every
+    /// result's key. What these import besides is not.
     pub versions: String,
 }
 

@@ -4,6 +4,7 @@ and metrics. The Rust side makes a `Bridge` of one of them from the plugin's con
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib
 import importlib.metadata
@@ -11,9 +12,14 @@ import inspect
 import platform
 import sys
 import traceback
+from collections.abc import Iterable, Mapping
+from types import ModuleType
 from typing import Any
 
 import numpy as np
+
+VERSIONED = {"elo", "gymnasium", "numpy", *sys.stdlib_module_names}
+"""Top modules of which a version says enough."""
 
 
 class BadTarget(Exception):
@@ -33,14 +39,7 @@ def find(target: str, otherwise: str = "") -> Any:
     if not colon:
         forms = f"neither {otherwise} nor" if otherwise else "not"
         raise BadTarget(f"`{target}` is {forms} `module:callable`")
-    try:
-        module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        raise BadTarget(
-            f"`{target}`: {sys.executable} finds no module `{error.name}`; install it there, or name its folder in "
-            "`workers.python_path`"
-        ) from error
-    made = module
+    made: Any = imported(module_name, target)
     for part in name.split("."):
         if not hasattr(made, part):
             raise BadTarget(f"`{target}`: module `{module_name}` has no `{name}`")
@@ -50,20 +49,56 @@ def find(target: str, otherwise: str = "") -> Any:
     return made
 
 
-def versions(module: str, *packages: str) -> str:
-    """What results of code in `module` depend on: versions of Python, NumPy, these packages and the module's own, and a hash of
-    the module's source."""
+def imported(module: str, target: str) -> ModuleType:
+    """A module that `target` names."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise BadTarget(
+            f"`{target}`: {sys.executable} finds no module `{error.name}`; install it there, or name its folder in "
+            "`workers.python_path`"
+        ) from error
+
+
+def origins(target: str, *things: Any) -> list[str]:
+    """The modules that what `target` gives was written in: the one that it names, and those of `things` (functions, classes and
+    objects) and of the classes that they derive from. Libraries whose versions are noted anyhow are left out."""
+    found = [target.partition(":")[0]] if ":" in target else []
+    for thing in things:
+        kind = thing if isinstance(thing, type) else type(thing)
+        found += [getattr(thing, "__module__", None) or "", *(base.__module__ for base in kind.__mro__)]
+    return [module for module in dict.fromkeys(found) if module and module.partition(".")[0] not in VERSIONED]
+
+
+def versions(modules: Iterable[str], *packages: str) -> str:
+    """What results of code in `modules` depend on: versions of Python, NumPy, these packages and the modules' own, and a hash of
+    each module's source."""
+    modules = list(modules)
     parts = [f"python {platform.python_version()}", f"numpy {np.__version__}"]
-    for package in (*packages, module.partition(".")[0]):
+    for name in [*packages, *(name for module in modules for name in _distributions(module))]:
         try:
-            version = f"{package} {importlib.metadata.version(package)}"
+            parts.append(f"{name} {importlib.metadata.version(name)}")
         except importlib.metadata.PackageNotFoundError:
             continue
-        if version not in parts:
-            parts.append(version)
+    return ", ".join(dict.fromkeys([*parts, *map(_hash, modules)]))
+
+
+def _hash(module: str) -> str:
     try:
         source = inspect.getsource(sys.modules[module])
     except (OSError, TypeError, KeyError):
         source = ""
-    parts.append(f"{module} {hashlib.sha256(source.encode()).hexdigest()[:16]}")
-    return ", ".join(parts)
+    return f"{module} {hashlib.sha256(source.encode()).hexdigest()[:16]}"
+
+
+def _distributions(module: str) -> list[str]:
+    """What must be installed for there to be the module: mostly a distribution of the same name."""
+    top = module.partition(".")[0]
+    file = getattr(sys.modules.get(top), "__file__", None) or ""
+    installed = "site-packages" in file or "dist-packages" in file
+    return sorted(_all_distributions().get(top, [top])) if installed else [top]
+
+
+@functools.cache
+def _all_distributions() -> Mapping[str, list[str]]:
+    return importlib.metadata.packages_distributions()

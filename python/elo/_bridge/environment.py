@@ -1,24 +1,27 @@
 """Between an environment in Python and the simulator in `backends/src/python/simulator.rs`.
 
 The Rust side makes one `Bridge` for each simulator and calls `reset`, `restore`, `step` and `state`; observation, action
-and reward terms pass through arrays that both sides see. Everything that an environment gives is checked here.
+and reward terms pass through arrays that both sides see. Everything that an environment gives is checked here, but for
+whether its numbers are finite: that is checked once, where they are taken over.
 """
 
 from __future__ import annotations
 
+import copy
 import importlib
 import json
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from elo._bridge import BadTarget, find, versions
+from elo._bridge import BadTarget, find, imported, origins, versions
+from elo._bridge.states import States, layers
 
-PARTS = ("positions", "velocities", "memory")
-"""What a state is made of."""
+MAKES = ("id", "max_episode_steps", "disable_env_checker")
+"""Arguments of `gymnasium.make` that are given here."""
 
 
 def _is_gymnasium_id(target: str) -> bool:
@@ -34,6 +37,30 @@ def _gymnasium() -> Any:
         ) from error
 
 
+def _made(target: str, kwargs: dict[str, Any]) -> Any:
+    """An environment of Gymnasium's registry, without the wrappers that cost time or end episodes."""
+    for name in MAKES:
+        if name in kwargs:
+            raise BadTarget(
+                f"`kwargs` of `{target}` name `{name}`, which elo gives: how long an episode lasts is up to whoever runs it, "
+                "and has fields of its own in the config"
+            )
+    gymnasium = _gymnasium()
+    module, _, name = target.rpartition(":")
+    if module:
+        imported(module, target)
+    try:
+        spec = copy.deepcopy(gymnasium.spec(name))
+    except gymnasium.error.Error as error:
+        raise BadTarget(f"`{target}`: {error}") from error
+    # Episodes begin with a reset or with a state that is set, which that wrapper does not know.
+    spec.order_enforce = False
+    try:
+        return gymnasium.make(spec, max_episode_steps=-1, disable_env_checker=True, **kwargs)
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise BadTarget(f"`{target}`: {error}") from error
+
+
 def _box(space: Any, what: str) -> Any:
     """The space, which must be a box: other spaces are told how to become one."""
     spaces = _gymnasium().spaces
@@ -45,6 +72,14 @@ def _box(space: Any, what: str) -> Any:
     return space
 
 
+def _number(value: Any, what: str) -> Any:
+    """The value, which must be one number."""
+    scalar = isinstance(value, (int, float, np.number, np.bool_))
+    if scalar or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "fiub"):
+        return value
+    raise BadTarget(f"step gave {what} {value!r}, expected a number")
+
+
 class Bridge:
     """One environment. `action`, `observation` and `terms` are the arrays that both sides see."""
 
@@ -52,11 +87,10 @@ class Bridge:
         self._config: dict[str, Any] = json.loads(config)
         self._parameters: list[dict[str, Any]] = self._config["task_parameters"]
         self._values = [float(p["default"]) for p in self._parameters]
-        self._env = self._make()
+        self._adopt(self._make(self._values))
         observation_space = _box(self._env.observation_space, "observation")
         action_space = _box(self._env.action_space, "action")
         self._observation_shape = observation_space.shape
-        self._action_shape, self._action_dtype = action_space.shape, action_space.dtype
         self._low = np.asarray(action_space.low, np.float32).ravel()
         self._high = np.asarray(action_space.high, np.float32).ravel()
         if not (np.isfinite(self._low).all() and np.isfinite(self._high).all()):
@@ -65,11 +99,18 @@ class Bridge:
             )
         self._names = [term["name"] for term in self._config["reward_terms"]]
         self.action = np.zeros(self._low.size, np.float32)
+        self._given = self._handing(action_space)
         self.observation = np.zeros(int(np.prod(self._observation_shape)), np.float32)
         self._shown = self.observation.reshape(self._observation_shape)
         self.terms = np.zeros(max(len(self._names), 1), np.float64)
         self._elapsed = 0
-        self._sizes: tuple[int, ...] | None = None
+
+    def _handing(self, space: Any) -> Callable[[], Any]:
+        """What gives the action as the space has it: an array that an environment may keep or change."""
+        shape, dtype = space.shape, space.dtype
+        if dtype == np.float32 and len(shape) == 1:
+            return self.action.copy
+        return lambda: self.action.astype(dtype).reshape(shape)
 
     # What it is.
 
@@ -81,9 +122,15 @@ class Bridge:
                 "action_low": [float(x) for x in self._low],
                 "action_high": [float(x) for x in self._high],
                 "control_step": self._control_step(),
-                "versions": versions(type(self._env.unwrapped).__module__, "gymnasium"),
+                "versions": self._versions(),
             }
         )
+
+    def _versions(self) -> str:
+        target = self._config["target"]
+        maker = [] if _is_gymnasium_id(target) else [find(target)]
+        modules = origins(target, *maker, *layers(self._env))
+        return versions([type(self._env.unwrapped).__module__, *modules], "gymnasium")
 
     def _control_step(self) -> float:
         declared = self._config.get("control_step")
@@ -96,63 +143,58 @@ class Bridge:
 
     # Making it.
 
-    def _make(self) -> Any:
+    def _make(self, values: Sequence[float]) -> Any:
         target, kwargs = self._config["target"], dict(self._config["kwargs"])
-        for parameter, value in zip(self._parameters, self._values, strict=True):
+        for parameter, value in zip(self._parameters, values, strict=True):
             if parameter["binding"] == "constructor":
                 kwargs[parameter["name"]] = value
-        if not _is_gymnasium_id(target):
-            return find(target, "a Gymnasium id such as `Pendulum-v1`")(**kwargs)
-        gymnasium = _gymnasium()
-        try:
-            # A time limit of its own is taken away: the length of an episode is the caller's.
-            return gymnasium.make(target, max_episode_steps=-1, disable_env_checker=True, **kwargs)
-        except gymnasium.error.UnregisteredEnv as error:
-            raise BadTarget(f"`{target}`: {error}") from error
-        except gymnasium.error.DependencyNotInstalled as error:
-            raise BadTarget(f"`{target}`: {error}") from error
+        if _is_gymnasium_id(target):
+            return _made(target, kwargs)
+        return find(target, "a Gymnasium id such as `Pendulum-v1`")(**kwargs)
+
+    def _adopt(self, env: Any) -> None:
+        methods = self._config.get("state")
+        self._states = States(env, methods["get"], methods["set"]) if methods else None
+        # An engine leaves nothing of this in the processor's caches, so each lookup counts.
+        self._env, self._env_reset, self._env_step = env, env.reset, env.step
+        self._fresh = True
 
     # Running it.
 
     def reset(self, seed: int, values: Sequence[float]) -> None:
         """Begins the episode whose noise comes from `seed`, in the task with these parameters."""
-        options = self._take_parameters(values)
-        given = self._env.reset(seed=seed % 2**31, options=options or None)
-        if not (isinstance(given, tuple) and len(given) == 2):
-            raise BadTarget(f"reset gave {type(given).__name__}, expected (observation, info)")
+        self._see(self._begin(seed, self._take_parameters(values)), "reset")
         self._elapsed = 0
-        self._see(given[0], "reset")
 
     def restore(self, state: Mapping[str, Any], elapsed: int, values: Sequence[float]) -> None:
         """Puts the environment into a state that `state` gave, here or in another engine with the same robot."""
-        self._take_parameters(values)
-        if self._sizes is None:
-            self._env.reset(seed=0)
-            self._sizes = tuple(len(part) for part in self.state()[:3])
-        given = [np.asarray(state[name], np.float64) for name in PARTS]
-        if tuple(part.size for part in given) != self._sizes:
-            raise BadTarget(
-                f"a state of another robot: {', '.join(PARTS)} have {[part.size for part in given]} numbers, expected "
-                f"{list(self._sizes)}"
-            )
-        if not all(np.isfinite(part).all() for part in given):
-            raise BadTarget("a state with numbers that are not finite")
-        observation = getattr(self._env.unwrapped, self._config["state"]["set"])(state)
+        options = self._take_parameters(values)
+        if options or self._fresh:
+            self._begin(0, options)
+        states = self._settable()
+        self._see(states.set(state), states.setter)
         self._elapsed = int(elapsed)
-        self._see(observation, self._config["state"]["set"])
 
     def state(self) -> tuple[list[float], list[float], list[float], int]:
         """Positions, velocities, memory, and control steps since the reset."""
-        state = getattr(self._env.unwrapped, self._config["state"]["get"])()
-        if not isinstance(state, Mapping):
-            state = {"positions": state}
-        parts = [np.asarray(state.get(name, ()), np.float64).ravel().tolist() for name in PARTS]
-        return parts[0], parts[1], parts[2], self._elapsed
+        positions, velocities, memory = self._settable().get()
+        return positions, velocities, memory, self._elapsed
+
+    def _settable(self) -> States:
+        if self._states is None:
+            raise BadTarget("the config names no `state` methods")
+        return self._states
+
+    def _begin(self, seed: int, options: Mapping[str, float]) -> Any:
+        given = self._env_reset(seed=seed % 2**31, options=options or None)
+        if not (isinstance(given, tuple) and len(given) == 2):
+            raise BadTarget(f"reset gave {type(given).__name__}, expected (observation, info)")
+        self._fresh = False
+        return given[0]
 
     def step(self) -> int:
         """Takes `action`; 0 while the episode goes on, 1 when it terminated, 2 when it was truncated."""
-        # An engine leaves nothing of this in the processor's caches, so each lookup counts.
-        given = self._env.step(self.action.astype(self._action_dtype).reshape(self._action_shape))
+        given = self._env_step(self._given())
         if type(given) is not tuple or len(given) != 5:
             raise BadTarget(
                 "step must give (observation, reward, terminated, truncated, info); this is Gymnasium's interface since "
@@ -169,23 +211,28 @@ class Bridge:
 
     def _take_parameters(self, values: Sequence[float]) -> dict[str, float]:
         """Tells the environment the task's parameters; those that go with a reset are returned."""
+        if not self._parameters:
+            return {}
         changed = [float(v) for v in values]
-        constructed = [p["binding"] == "constructor" for p in self._parameters]
-        anew = any(c and a != b for c, a, b in zip(constructed, changed, self._values, strict=True))
+        pairs = zip(self._parameters, changed, self._values, strict=True)
+        if any(p["binding"] == "constructor" and new != old for p, new, old in pairs):
+            # The old one goes on as it was when the new one cannot be made.
+            old = self._env
+            self._adopt(self._make(changed))
+            self._values = changed
+            old.close()
         self._values = changed
-        if anew:
-            self._env.close()
-            self._env = self._make()
-        options = {}
-        for parameter, value in zip(self._parameters, changed, strict=True):
+        self._set_attributes()
+        bound = zip(self._parameters, changed, strict=True)
+        return {p["name"]: value for p, value in bound if p["binding"] == "option"}
+
+    def _set_attributes(self) -> None:
+        raw = self._env.unwrapped
+        for parameter, value in zip(self._parameters, self._values, strict=True):
             if parameter["binding"] == "attribute":
-                raw = self._env.unwrapped
                 if not hasattr(raw, parameter["name"]):
                     raise BadTarget(f"{type(raw).__name__} has no attribute `{parameter['name']}`")
                 setattr(raw, parameter["name"], value)
-            elif parameter["binding"] == "option":
-                options[parameter["name"]] = value
-        return options
 
     def _see(self, observation: Any, where: str) -> None:
         array = observation if type(observation) is np.ndarray else np.asarray(observation)
@@ -199,14 +246,10 @@ class Bridge:
 
     def _price(self, reward: Any, info: Any) -> None:
         if not self._names:
-            if not isinstance(reward, (int, float, np.number)) and not (
-                isinstance(reward, np.ndarray) and reward.ndim == 0
-            ):
-                raise BadTarget(f"step gave the reward {reward!r}, expected a number")
-            self.terms[0] = reward
+            self.terms[0] = _number(reward, "the reward")
             return
         terms = info.get("reward_terms", info)
         for index, name in enumerate(self._names):
             if name not in terms:
                 raise BadTarget(f"step's info has no reward term `{name}`; it has {', '.join(map(str, terms))}")
-            self.terms[index] = terms[name]
+            self.terms[index] = _number(terms[name], f"the reward term `{name}`")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from elo._bridge import BadTarget, find, versions
+from elo._bridge import BadTarget, find, origins, versions
 
 Array = npt.NDArray[np.float64]
 
@@ -22,7 +22,7 @@ class Bridge:
 
     def describe(self) -> str:
         """What the scores depend on."""
-        return versions(self._config["target"].partition(":")[0])
+        return versions(origins(self._config["target"], self._target))
 
     def scores(self, returns: Array, mean: float, standard_deviation: float) -> Array:
         """One score a row of `returns`."""

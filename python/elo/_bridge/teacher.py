@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from elo._bridge import BadTarget, find, versions
+from elo._bridge import BadTarget, find, origins, versions
 
 Array = npt.NDArray[np.float32]
 
@@ -27,7 +27,7 @@ class Bridge:
         """What the policies depend on."""
         files = {name: Path(path).read_bytes() for name, path in sorted(self._config["files"].items())}
         hashes = [f"{name} {hashlib.sha256(data).hexdigest()[:16]}" for name, data in files.items()]
-        return ", ".join([versions(self._config["target"].partition(":")[0]), *hashes])
+        return ", ".join([versions(origins(self._config["target"], self._target)), *hashes])
 
     def policy(self, call: str, observation_size: int, action_size: int) -> Callable[[Array, int | None], Array]:
         """The policy for a task, tried once on an observation of zeros."""
