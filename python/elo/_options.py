@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,18 +17,26 @@ from elo import _elo
 Observation = npt.ArrayLike
 Action = npt.NDArray[np.float32]
 
+FILES = ("manifest.json", "options.safetensors")
+"""What a set's folder holds."""
+
 
 @dataclass(frozen=True)
 class OptionSet:
     """K options of one robot, best first.
 
     An option is its interest (how much it wants to begin), its policy and its termination. All are functions of the
-    observation and of how many steps the option has been running; options hold no state of an episode.
+    observation and of how many steps the option has been running; options hold no state of an episode. A pickled set needs no
+    folder: it brings its files.
     """
 
     manifest: dict[str, Any]
     """What `manifest.json` says: robot, sizes, horizon, how the set was selected, and the whole config of its run."""
-    _options: _elo.Options
+    _options: _elo.Options = field(repr=False)
+    _files: tuple[bytes, ...] = field(repr=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpacked, self._files
 
     def __len__(self) -> int:
         return len(self._options)
@@ -40,6 +50,11 @@ class OptionSet:
     def observation_size(self) -> int:
         """Numbers in an observation."""
         return int(self.manifest["spec"]["observation_size"])
+
+    @property
+    def control_step(self) -> float:
+        """Simulated seconds between two actions."""
+        return float(self.manifest["spec"]["control_step"])
 
     @property
     def action_low(self) -> Action:
@@ -82,7 +97,15 @@ def load(path: str | os.PathLike[str]) -> OptionSet:
     Raises ValueError when a file is missing, damaged, or of a format that this version does not read.
     """
     options = _elo.Options(os.fspath(path))
-    return OptionSet(json.loads(options.manifest()), options)
+    return OptionSet(json.loads(options.manifest()), options, tuple((Path(path) / name).read_bytes() for name in FILES))
+
+
+def _unpacked(*files: bytes) -> OptionSet:
+    """The set with these `FILES`."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, data in zip(FILES, files, strict=True):
+            (Path(folder) / name).write_bytes(data)
+        return load(folder)
 
 
 def _array(observation: Observation) -> npt.NDArray[np.float32]:

@@ -1,5 +1,8 @@
 //! This project's simulators, for Python programs.
 
+use std::path::Path;
+
+use elo_core::fault::Faults;
 use elo_core::hosted::Hosted;
 use elo_core::simulator::{End, Simulator as CoreSimulator, SimulatorConfig, Start, State};
 use elo_core::task::Task;
@@ -23,12 +26,14 @@ pub fn refused(error: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// A config, complete: one whose simulator only its environment knows has asked it.
+/// A config, complete: it has the files that it names, by paths that are relative to the working directory, and one whose simulator
+/// only its environment knows has asked it.
 pub fn config(text: &str) -> PyResult<Box<dyn SimulatorConfig>> {
     // Kinds are found by name, so their crates must be linked.
     let _linked = crate::PLUGINS;
     let mut config: Box<dyn SimulatorConfig> = serde_json::from_str(text).map_err(refused)?;
-    let mut faults = elo_core::fault::Faults::new();
+    let mut faults = Faults::new();
+    config.embed_files(Path::new(""), &mut faults);
     config.validate(&mut faults);
     if let Some(fault) = faults.found().first() {
         return Err(refused(fault));

@@ -4,8 +4,9 @@
 
 OPTION_SET is a folder that `elo discover` wrote for the half-cheetah. Needs `pip install ./python stable-baselines3 matplotlib`.
 
-Rewards are the SMDP's: an option that runs n steps pays r_1 + γ r_2 + …, and what follows is worth γ^n as much. Options here
-all last as long as the set says, so γ^n is one number, which is the discount that PPO over options gets.
+Rewards are the SMDP's: an option that runs n steps pays r_1 + γ r_2 + …, and what follows is worth γ^n as much. Stable-Baselines3
+does not read `info["discount"]`, which tells γ^n, but discounts all decisions by one number. So the options must all last as
+long as the set says (those of `kind = "interest"` do not, and are refused), and PPO over options gets that γ^n.
 """
 
 from __future__ import annotations
@@ -61,8 +62,18 @@ def smooth(episodes: Episodes, points: int = 60) -> tuple[np.ndarray, np.ndarray
     return edges[1:], np.array(means)
 
 
+def check_lengths(options: elo.OptionSet) -> None:
+    """Ends the program unless every option runs its `steps`, and no more."""
+    observation = np.zeros(options.observation_size)
+    for option in range(len(options)):
+        for elapsed in range(1, options.steps + 1):
+            if options.termination(option, observation, elapsed) != float(elapsed == options.steps):
+                sys.exit(f"option {option} ends by chance; expected options of one fixed length, such as those of kind open_loop")
+
+
 def main() -> None:
     options, limit, path = elo.load(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
+    check_lengths(options)
     torch.set_num_threads(1)
     over_options = elo.gym.OptionsWrapper(elo.gym.make(ROBOT), options, discount=DISCOUNT)
     curves = {
