@@ -157,7 +157,8 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
             taken = self._act(option, steps) if torques is None else torques
             self._observation, gained, terminated, truncated, info = self.env.step(taken)
             reward, total = reward + weight * float(gained), total + float(gained)
-            for name, term in info.get("reward_terms", {}).items():
+            told = info.get("reward_terms")
+            for name, term in told.items() if isinstance(told, Mapping) else ():
                 terms[name] = terms.get(name, 0.0) + weight * term
             weight, steps = weight * self.discount, steps + 1
             over = terminated or truncated or torques is not None or self._ends(option, steps)

@@ -24,6 +24,14 @@ def test_what_takes_long_to_import_is_no_step_that_takes_long(discover: Discover
     assert ran.returncode == 0 and "did not come back" not in ran.stderr, ran.stderr
 
 
+def test_what_takes_long_to_be_made_anew_is_no_reset_that_takes_long(discover: Discover, tmp_path: Path) -> None:
+    marker = tmp_path / "marker"
+    weight = 'name = "weight"\ndefault = 1.0\nlow = 0.5\nhigh = 2.0\nbinding = "constructor"'
+    simulator = f'target = "toys:Heavy"\nkwargs = {{ marker = "{marker}" }}\n[[simulator.task_parameters]]\n{weight}'
+    ran = discover(simulator, *TAUGHT, "--set", "tasks={weight={low=0.5,high=2.0}}", workers="step_seconds = 1.0")
+    assert ran.returncode == 0 and marker.exists() and "did not come back" not in ran.stderr, ran.stderr
+
+
 def test_reading_a_state_is_watched(discover: Discover) -> None:
     simulator = wrong("sleeps when asked") + "\nstate = {}"
     ran = discover(simulator, "--set", "workers.silence_seconds=20", workers="step_seconds = 0.5")

@@ -66,15 +66,18 @@ impl PythonSimulator {
         })
     }
 
-    /// Calls the bridge, then copies what it saw into `observation`.
-    fn call(
+    /// Has the bridge take up a task's parameters, calls it, then copies what it saw into `observation`.
+    fn begin(
         &self,
+        parameters: Vec<f64>,
         observation: &mut [f32],
         call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<()>,
     ) -> Result<(), SimulatorError> {
         let done = Python::attach(|py| {
+            let bridge = self.bridge.bind(py);
+            bridge.call_method1("prepare", (parameters,))?;
             let _call = Call::begin();
-            call(self.bridge.bind(py))?;
+            call(bridge)?;
             self.observation.read(py, observation)
         });
         done.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))?;
@@ -104,18 +107,17 @@ impl Simulator for PythonSimulator {
         let parameters: Vec<f64> =
             self.spec.task_parameters.iter().map(|p| self.spec.parameter_value(task, &p.name)).collect();
         match start {
-            Start::Seed(seed) => {
-                self.call(observation, |bridge| bridge.call_method1("reset", (*seed, parameters)).map(drop))?;
-            }
+            Start::Seed(seed) => self
+                .begin(parameters, observation, |bridge| bridge.call_method1("reset", (*seed,)).map(drop))?,
             Start::State(_) if !self.spec.capabilities.settable_state => {
                 return Err(SimulatorError::Unsupported("starting from a state"));
             }
-            Start::State(state) => self.call(observation, |bridge| {
+            Start::State(state) => self.begin(parameters, observation, |bridge| {
                 let given = PyDict::new(bridge.py());
                 given.set_item("positions", PyArray1::from_slice(bridge.py(), &state.positions))?;
                 given.set_item("velocities", PyArray1::from_slice(bridge.py(), &state.velocities))?;
                 given.set_item("memory", PyArray1::from_slice(bridge.py(), &state.memory))?;
-                bridge.call_method1("restore", (given, state.elapsed, parameters)).map(drop)
+                bridge.call_method1("restore", (given, state.elapsed)).map(drop)
             })?,
         }
         (self.begun, self.running) = (true, true);

@@ -62,12 +62,13 @@ def imported(module: str, target: str) -> ModuleType:
 
 def origins(target: str, *things: Any) -> list[str]:
     """The modules that what `target` gives was written in: the one that it names, and those of `things` (functions, classes and
-    objects) and of the classes that they derive from. Libraries whose versions are noted anyhow are left out."""
-    found = [target.partition(":")[0]] if ":" in target else []
+    objects) and of the classes that they derive from, but for libraries whose versions are noted anyhow."""
+    named = [target.partition(":")[0]] if ":" in target else []
+    found: list[str] = []
     for thing in things:
         kind = thing if isinstance(thing, type) else type(thing)
         found += [getattr(thing, "__module__", None) or "", *(base.__module__ for base in kind.__mro__)]
-    return [module for module in dict.fromkeys(found) if module and module.partition(".")[0] not in VERSIONED]
+    return list(dict.fromkeys(named + [module for module in found if module and module.partition(".")[0] not in VERSIONED]))
 
 
 def versions(modules: Iterable[str], *packages: str) -> str:

@@ -1,6 +1,6 @@
 """Between an environment in Python and the simulator in `backends/src/python/simulator.rs`.
 
-The Rust side makes one `Bridge` for each simulator and calls `reset`, `restore`, `step` and `state`; observation, action
+The Rust side makes one `Bridge` for each simulator and calls `prepare`, `reset`, `restore`, `step` and `state`; observation, action
 and reward terms pass through arrays that both sides see. Everything that an environment gives is checked here, but for
 whether its numbers are finite: that is checked once, where they are taken over.
 """
@@ -87,6 +87,7 @@ class Bridge:
         self._config: dict[str, Any] = json.loads(config)
         self._parameters: list[dict[str, Any]] = self._config["task_parameters"]
         self._values = [float(p["default"]) for p in self._parameters]
+        self._options: dict[str, float] = {}
         self._adopt(self._make(self._values))
         observation_space = _box(self._env.observation_space, "observation")
         action_space = _box(self._env.action_space, "action")
@@ -159,18 +160,42 @@ class Bridge:
         self._env, self._env_reset, self._env_step = env, env.reset, env.step
         self._fresh = True
 
+    def prepare(self, values: Sequence[float]) -> None:
+        """Tells the environment the task's parameters, those of the next reset or state. This may make it anew."""
+        if not self._parameters:
+            return
+        changed = [float(v) for v in values]
+        pairs = zip(self._parameters, changed, self._values, strict=True)
+        if any(p["binding"] == "constructor" and new != old for p, new, old in pairs):
+            # The old one goes on as it was when the new one cannot be made.
+            old = self._env
+            self._adopt(self._make(changed))
+            self._values = changed
+            old.close()
+        self._values = changed
+        self._set_attributes()
+        bound = zip(self._parameters, changed, strict=True)
+        self._options = {p["name"]: value for p, value in bound if p["binding"] == "option"}
+
+    def _set_attributes(self) -> None:
+        raw = self._env.unwrapped
+        for parameter, value in zip(self._parameters, self._values, strict=True):
+            if parameter["binding"] == "attribute":
+                if not hasattr(raw, parameter["name"]):
+                    raise BadTarget(f"{type(raw).__name__} has no attribute `{parameter['name']}`")
+                setattr(raw, parameter["name"], value)
+
     # Running it.
 
-    def reset(self, seed: int, values: Sequence[float]) -> None:
-        """Begins the episode whose noise comes from `seed`, in the task with these parameters."""
-        self._see(self._begin(seed, self._take_parameters(values)), "reset")
+    def reset(self, seed: int) -> None:
+        """Begins the episode whose noise comes from `seed`."""
+        self._see(self._begin(seed), "reset")
         self._elapsed = 0
 
-    def restore(self, state: Mapping[str, Any], elapsed: int, values: Sequence[float]) -> None:
+    def restore(self, state: Mapping[str, Any], elapsed: int) -> None:
         """Puts the environment into a state that `state` gave, here or in another engine with the same robot."""
-        options = self._take_parameters(values)
-        if options or self._fresh:
-            self._begin(0, options)
+        if self._options or self._fresh:
+            self._begin(0)
         states = self._settable()
         self._see(states.set(state), states.setter)
         self._elapsed = int(elapsed)
@@ -185,8 +210,8 @@ class Bridge:
             raise BadTarget("the config names no `state` methods")
         return self._states
 
-    def _begin(self, seed: int, options: Mapping[str, float]) -> Any:
-        given = self._env_reset(seed=seed % 2**31, options=options or None)
+    def _begin(self, seed: int) -> Any:
+        given = self._env_reset(seed=seed % 2**31, options=dict(self._options) or None)
         if not (isinstance(given, tuple) and len(given) == 2):
             raise BadTarget(f"reset gave {type(given).__name__}, expected (observation, info)")
         self._fresh = False
@@ -208,31 +233,6 @@ class Bridge:
         else:
             self._price(reward, info)
         return 1 if terminated else 2 if truncated else 0
-
-    def _take_parameters(self, values: Sequence[float]) -> dict[str, float]:
-        """Tells the environment the task's parameters; those that go with a reset are returned."""
-        if not self._parameters:
-            return {}
-        changed = [float(v) for v in values]
-        pairs = zip(self._parameters, changed, self._values, strict=True)
-        if any(p["binding"] == "constructor" and new != old for p, new, old in pairs):
-            # The old one goes on as it was when the new one cannot be made.
-            old = self._env
-            self._adopt(self._make(changed))
-            self._values = changed
-            old.close()
-        self._values = changed
-        self._set_attributes()
-        bound = zip(self._parameters, changed, strict=True)
-        return {p["name"]: value for p, value in bound if p["binding"] == "option"}
-
-    def _set_attributes(self) -> None:
-        raw = self._env.unwrapped
-        for parameter, value in zip(self._parameters, self._values, strict=True):
-            if parameter["binding"] == "attribute":
-                if not hasattr(raw, parameter["name"]):
-                    raise BadTarget(f"{type(raw).__name__} has no attribute `{parameter['name']}`")
-                setattr(raw, parameter["name"], value)
 
     def _see(self, observation: Any, where: str) -> None:
         array = observation if type(observation) is np.ndarray else np.asarray(observation)

@@ -13,29 +13,30 @@ PARTS = ("positions", "velocities", "memory")
 """What a state is made of."""
 
 
-def layers(env: Any) -> Iterator[Any]:
-    """An environment and what it wraps, from the outside."""
+def layers(env: Any, last: Any = None) -> Iterator[Any]:
+    """An environment and what it wraps, from the outside, as far as `last`."""
     seen: set[int] = set()
     while env is not None and id(env) not in seen:
         seen.add(id(env))
         yield env
-        env = getattr(env, "env", None)
+        env = None if env is last else getattr(env, "env", None)
 
 
 class States:
     """The outermost layer of `env` that has the methods `getter` and `setter`, and the wrappers around it."""
 
     def __init__(self, env: Any, getter: str, setter: str) -> None:
-        self._see: list[Callable[[Any], Any]] = []
-        for layer in layers(env):
+        around: list[Any] = []
+        for layer in layers(env, env.unwrapped):
             get, set = getattr(layer, getter, None), getattr(layer, setter, None)
             if callable(get) and callable(set):
                 self._get, self._set = get, set
                 break
-            if layer is env.unwrapped:
-                raise BadTarget(f"{type(layer).__name__} has no methods `{getter}` and `{setter}`, which the config names in `state`")
-            self._see += _view(layer)
-        self._see.reverse()
+            around.append(layer)
+        else:
+            name = type(env.unwrapped).__name__
+            raise BadTarget(f"{name} has no methods `{getter}` and `{setter}`, which the config names in `state`")
+        self._see = [see for wrapper in reversed(around) for see in _view(wrapper)]
         self.setter, self._plain = setter, False
         self._shapes: list[tuple[int, ...]] = []
 

@@ -131,6 +131,16 @@ class Fragile(Mass):
         self.closed = True
 
 
+class Heavy(Mass):
+    """The first that is made with another weight takes its time, if `marker` is not there yet."""
+
+    def __init__(self, marker: str, weight: float = 1.0) -> None:
+        super().__init__(weight)
+        if weight != 1.0 and not Path(marker).exists():
+            Path(marker).touch()
+            time.sleep(2.5)
+
+
 class Row(Mass):
     """Its state is one array."""
 
