@@ -2,11 +2,14 @@
 
 use std::path::Path;
 
+use elo_core::crew::{Crew, RunError};
+use elo_core::discover::Run;
 use elo_core::experiment::Experiment;
 use elo_core::plugin::Plugin;
 use toml::{Table, Value};
 
 use crate::exit::Exit;
+use crate::hosts::Programs;
 use crate::load;
 use crate::open::ready_to_run;
 
@@ -26,8 +29,8 @@ pub fn others(
     let read = |given: &String| {
         let other = on_simulator(&config, given, plugins)?;
         let spec = other.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
-        if let Some(difference) = own.interface().difference(&spec.interface()) {
-            return Err(Exit::BadInput(format!("--simulator {given}: the options do not fit: {difference}")));
+        if let Some(why) = own.incomparable(&spec) {
+            return Err(Exit::BadInput(format!("--simulator {given}: {why}")));
         }
         ready_to_run(&other)?;
         Ok(other)
@@ -35,11 +38,16 @@ pub fn others(
     simulators.iter().map(read).collect()
 }
 
-/// Which of the experiments says which interpreter works: any of them may.
-pub fn hosts<'a>(own: &'a Experiment, others: &'a [Experiment]) -> &'a Experiment {
-    let interprets =
-        |e: &&Experiment| e.simulator.hosted().is_some_and(|hosted| hosted.worker().is_interpreter());
-    others.iter().chain([own]).find(interprets).unwrap_or(own)
+/// Lets `work` have a run of each of `others` in the run directory of `crew`, done by workers as its own `[workers]` says.
+pub fn with_runs<T>(
+    others: &[Experiment],
+    crew: &Crew<'_>,
+    work: impl FnOnce(&[Run<'_>]) -> Result<T, RunError>,
+) -> Result<T, RunError> {
+    let programs: Vec<Programs> = others.iter().map(Programs::of).collect();
+    let crews: Vec<Crew<'_>> = programs.iter().map(|programs| crew.hosted_by(programs)).collect();
+    let runs = others.iter().zip(&crews).map(|(experiment, crew)| Run::new(experiment, crew));
+    work(&runs.collect::<Result<Vec<_>, _>>()?)
 }
 
 /// The run's experiment on another simulator: a kind, or a TOML file with a `[simulator]` table (and `[workers]`).

@@ -14,17 +14,17 @@ use crate::interrupt;
 use crate::progress::Progress;
 use crate::worker::formats;
 
-/// Opens `folder` as a run directory and lets a crew do `work` in it. `hosts` says which interpreters work.
+/// Opens `folder` as a run directory and lets a crew do `work` in it, with workers as the `experiment` says.
 pub fn with_crew<T>(
     folder: &Path,
-    hosts: &Experiment,
+    experiment: &Experiment,
     staff: Staff,
     work: impl FnOnce(&Crew<'_>) -> Result<T, Exit>,
 ) -> Result<T, Exit> {
     let run_dir = RunDir::open(folder)?;
     let stop =
         interrupt::watch().map_err(|error| Exit::Failed(format!("cannot watch for signals: {error}")))?;
-    let (progress, programs) = (Progress::new(), Programs::of(hosts));
+    let (progress, programs) = (Progress::new(), Programs::of(experiment));
     work(&Crew::new(staff, &run_dir, &programs, &progress, &stop))
 }
 

@@ -116,8 +116,20 @@ pub fn crosscheck(found: &Crosscheck) -> String {
             engine.engine.name,
             list(&engine.best),
             engine.failures * 100.0,
-            if engine.same_starts { "" } else { "; its starts are its own: it cannot be put into states" }
+            if engine.same_starts {
+                ""
+            } else {
+                "; its starts are its own, for want of states that can be set"
+            }
         );
+        for (what, why) in
+            [("the first of those", &engine.first_failure), ("no trajectories", &engine.unseen)]
+        {
+            if let Some(why) = why {
+                let why = why.lines().map(str::trim).collect::<Vec<_>>().join(" | ");
+                let _ = writeln!(text, "{:<12} {what}: {why}", "");
+            }
+        }
     }
     let correlation = |found: &Option<Interval>| {
         found.map_or("not defined".to_owned(), |found| interval(&found, SHARE_DIGITS))
@@ -136,13 +148,14 @@ pub fn crosscheck(found: &Crosscheck) -> String {
             more.len(),
             less.len()
         );
-        let parted = percent(pair.parted, 0);
-        let _ = match pair.parted_after {
-            None => writeln!(text, "  none of the best options' trajectories parts"),
-            Some([early, middle, late]) => writeln!(
+        let _ = match (pair.parted, pair.parted_after) {
+            (None, _) => writeln!(text, "  trajectories were not compared"),
+            (_, None) => writeln!(text, "  none of the best options' trajectories parts"),
+            (Some(parted), Some([early, middle, late])) => writeln!(
                 text,
-                "  {parted} % of the best options' trajectories part, after {middle:.0} steps (quartiles {early:.0} and \
-                 {late:.0})"
+                "  {} % of the best options' trajectories part, after {middle:.0} steps (quartiles {early:.0} and \
+                 {late:.0})",
+                percent(parted, 0)
             ),
         };
     }

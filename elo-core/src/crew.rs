@@ -129,6 +129,11 @@ impl<'a> Crew<'a> {
         Self { run_dir, watcher, stop, staff, workforce: Workforce::new(hosts) }
     }
 
+    /// A crew over the same run directory whose workers `hosts` starts.
+    pub fn hosted_by<'b>(&'b self, hosts: &'b dyn Hosts) -> Crew<'b> {
+        Crew::new(self.staff.clone(), self.run_dir, hosts, self.watcher, self.stop)
+    }
+
     /// The key of a unit.
     pub fn key(&self, unit: &Unit) -> Key {
         unit.work.key(&unit.inputs, &self.staff.program)
@@ -273,7 +278,8 @@ impl Shift<'_> {
             Err(Undone::Failed(fault)) => Err(WorkError::Failed(fault.to_string())),
             Err(Undone::Lost(fault)) => {
                 let reason = format!("{program} was lost {TRIES} times: {fault}");
-                unit.work.outcome_of_lost_worker(inputs, &reason)
+                let outcome = unit.work.outcome_of_lost_worker(inputs, &format!("unit {key}: {reason}"))?;
+                outcome.ok_or(WorkError::Failed(reason))
             }
             Err(Undone::Start(fault)) => {
                 monitor.trouble = Some(RunError::Worker(fault));

@@ -6,12 +6,12 @@ use crate::crew::RunError;
 use crate::discover::{CANDIDATES_PER_UNIT, ContextSet, Discovery, Run, value};
 use crate::performer::Performer;
 use crate::rollout::Rollout;
-use crate::simulator::{Engine, SimulatorConfig};
+use crate::simulator::Engine;
 use crate::statistics::agreement::{kendall_tau_b, sign_test, spearman};
 use crate::statistics::bootstrap::{Interval, bootstrap};
 use crate::statistics::ranking::top_k_positions;
 use crate::statistics::summary::{mean, quantile};
-use crate::units::trace::Seen;
+use crate::units::trace::Traced;
 
 /// Two trajectories have parted once a component of their observations differs by more than this. Observations of robots
 /// with legs lie between -5 and 5.
@@ -43,13 +43,18 @@ pub struct Crosscheck {
 pub struct EngineScores {
     /// Which.
     pub engine: Engine,
-    /// Whether it began in the very states of the run's own engine. Where states cannot be set, it reached starts of its own by
-    /// the same seeds and random actions: then pairs share the task alone, and differences hold that of the starts too.
+    /// Whether it began in the very states of the run's own engine. Where one of both cannot be put into states, it reached
+    /// starts of its own by the same seeds and random actions: then pairs share the task alone, and differences hold that of
+    /// the starts too.
     pub same_starts: bool,
     /// Each candidate's mean return over the contexts.
     pub scores: Vec<f64>,
-    /// Share of rollouts that failed; they count with the run's reward floor.
+    /// Share of rollouts that failed; each counts with the engine's own reward floor.
     pub failures: f64,
+    /// Why the first of those failed.
+    pub first_failure: Option<String>,
+    /// Why its trajectories were not seen, where no worker could be kept alive over them.
+    pub unseen: Option<String>,
     /// Numbers of the `K` best candidates, best first.
     pub best: Vec<usize>,
 }
@@ -70,8 +75,9 @@ pub struct Pair {
     pub shared_best: usize,
     /// Each candidate's mean return on the second less that on the first, and the sign test's probability of it.
     pub differences: Vec<Difference>,
-    /// Share of the trajectories of the first engine's best options that part, over options and contexts.
-    pub parted: f64,
+    /// Share of the trajectories of the run's own engine's best options that part, over options and contexts. `None` where
+    /// those of one engine were not seen.
+    pub parted: Option<f64>,
     /// Control steps until those do: their quartiles. `None` where none does.
     pub parted_after: Option<[f64; 3]>,
 }
@@ -90,55 +96,54 @@ pub struct Difference {
 struct Measured {
     engine: Engine,
     same_starts: bool,
-    returns: Vec<Vec<f64>>,
-    failures: f64,
-    seen: Vec<Seen>,
+    priced: Priced,
+    traced: Traced,
 }
 
-/// Measures all candidates of a finished run in `contexts` of its held-out contexts, on its own engine and on `others`.
+/// A return for each candidate and context.
+struct Priced {
+    returns: Vec<Vec<f64>>,
+    /// Share of failed rollouts.
+    failures: f64,
+    first_failure: Option<String>,
+}
+
+/// Measures all candidates of a finished run in `contexts` of its held-out contexts, on its own engine and on those of
+/// `others`: the run's experiment on other simulators, by crews of their own in the same run directory.
 ///
 /// Costs candidates · contexts · T control steps an engine, less what the run directory holds already.
 ///
 /// # Errors
-/// See [`RunError`]; also another robot, or fewer than two candidates.
+/// See [`RunError`]; also another robot, other reward terms, or fewer than two candidates.
 pub fn crosscheck(
     run: &Run<'_>,
     discovery: &Discovery,
-    others: &[Box<dyn SimulatorConfig>],
+    others: &[Run<'_>],
     contexts: usize,
 ) -> Result<Crosscheck, RunError> {
-    let experiments = run.on_each(others);
+    run.comparable_with(others)?;
     let own = run.held_out_contexts(contexts)?;
     let set_size = run.experiment.candidates_of_a_set();
 
     let mut measured: Vec<Measured> = Vec::new();
     let mut best = Vec::new();
-    for experiment in &experiments {
-        let there = Run::new(experiment, run.crew)?;
-        if let Some(difference) = run.spec.interface().difference(&there.spec.interface()) {
-            let Engine { name, version } = experiment.simulator.engine();
-            return Err(RunError::Config(format!("the options do not fit {name} {version}: {difference}")));
-        }
-        let same_starts = there.spec.capabilities.settable_state;
-        let starts = there.same_contexts(&own)?;
-        let (returns, failures) = returns(&there, discovery, &starts)?;
+    for there in std::iter::once(run).chain(others) {
+        let starts = there.same_contexts(run, &own)?;
+        let same_starts = starts.keys == own.keys;
+        let priced = priced(there, discovery, &starts)?;
         if measured.is_empty() {
-            best = top_k_positions(&scores(&returns)?, set_size);
+            best = top_k_positions(&scores(&priced.returns)?, set_size);
         }
         let options = best.iter().map(|id| Performer::candidate(&discovery.candidates[*id]));
-        let seen = there.observations(&options.collect::<Vec<_>>(), &starts)?;
-        let engine = experiment.simulator.engine();
-        measured.push(Measured { engine, same_starts, returns, failures, seen });
+        let traced = there.observations(&options.collect::<Vec<_>>(), &starts)?;
+        let engine = there.experiment.simulator.engine();
+        measured.push(Measured { engine, same_starts, priced, traced });
     }
     compared(run, discovery, &measured, own.count)
 }
 
-/// Each candidate's return in each context, and the share of failed rollouts.
-fn returns(
-    run: &Run<'_>,
-    discovery: &Discovery,
-    contexts: &ContextSet,
-) -> Result<(Vec<Vec<f64>>, f64), RunError> {
+/// Each candidate's return in each context.
+fn priced(run: &Run<'_>, discovery: &Discovery, contexts: &ContextSet) -> Result<Priced, RunError> {
     let groups: Vec<Vec<Performer>> = discovery
         .candidates
         .chunks(CANDIDATES_PER_UNIT)
@@ -147,16 +152,20 @@ fn returns(
     let stage = format!("rollouts on {}", run.experiment.simulator.engine().name);
     let rollouts = run.evaluate(&stage, &groups, contexts, 0..contexts.keys.len())?;
     let count = rollouts.iter().map(Vec::len).sum::<usize>().max(1) as f64;
-    let failed = rollouts.iter().flatten().filter(|rollout| !rollout.ending.is_valid()).count() as f64;
+    let failed: Vec<&str> =
+        rollouts.iter().flatten().filter_map(|rollout| rollout.ending.trouble()).collect();
     let floor = run.return_floor();
-    let priced = |row: &Vec<Rollout>| {
+    let returns = |row: &Vec<Rollout>| {
         row.iter()
             .zip(&contexts.prices)
             .map(|(rollout, prices)| value(rollout, prices).unwrap_or(floor))
             .collect()
     };
-    let returns = rollouts.iter().map(priced).collect();
-    Ok((returns, failed / count))
+    Ok(Priced {
+        returns: rollouts.iter().map(returns).collect(),
+        failures: failed.len() as f64 / count,
+        first_failure: failed.first().map(ToString::to_string),
+    })
 }
 
 fn scores(returns: &[Vec<f64>]) -> Result<Vec<f64>, RunError> {
@@ -172,12 +181,18 @@ fn compared(
     let set_size = run.experiment.candidates_of_a_set();
     let numbers: Vec<usize> = discovery.candidates.iter().map(|candidate| candidate.number).collect();
     let named = |positions: &[usize]| positions.iter().map(|id| numbers[*id]).collect::<Vec<_>>();
-    let scores: Vec<Vec<f64>> = measured.iter().map(|m| scores(&m.returns)).collect::<Result<_, _>>()?;
+    let scores: Vec<Vec<f64>> =
+        measured.iter().map(|m| scores(&m.priced.returns)).collect::<Result<_, _>>()?;
     let engines = measured.iter().zip(&scores).map(|(m, scores)| EngineScores {
         engine: m.engine.clone(),
         same_starts: m.same_starts,
         scores: scores.clone(),
-        failures: m.failures,
+        failures: m.priced.failures,
+        first_failure: m.priced.first_failure.clone(),
+        unseen: match &m.traced {
+            Traced::Lost(why) => Some(why.clone()),
+            Traced::Rollouts(_) => None,
+        },
         best: named(&top_k_positions(scores, set_size)),
     });
     let engines: Vec<EngineScores> = engines.collect();
@@ -210,19 +225,21 @@ fn pair(
 ) -> Result<Pair, RunError> {
     let (a, b) = (&measured[first], &measured[second]);
     let plan = &run.experiment.report;
-    let contexts = a.returns.first().map_or(0, Vec::len);
-    let resampled = |measured: &Measured, indices: &[usize]| -> Vec<f64> {
+    let (returns, theirs) = (&a.priced.returns, &b.priced.returns);
+    let contexts = returns.first().map_or(0, Vec::len);
+    let resampled = |returns: &[Vec<f64>], indices: &[usize]| -> Vec<f64> {
         let average = |row: &Vec<f64>| indices.iter().map(|j| row[*j]).sum::<f64>() / indices.len() as f64;
-        measured.returns.iter().map(average).collect()
+        returns.iter().map(average).collect()
     };
     let interval = |statistic: fn(&[f64], &[f64]) -> Option<f64>| {
         statistic(&engines[first].scores, &engines[second].scores)?;
         let mut stream = run.seed.child("crosscheck").stream();
-        let of =
-            |indices: &[usize]| statistic(&resampled(a, indices), &resampled(b, indices)).unwrap_or_default();
+        let of = |indices: &[usize]| {
+            statistic(&resampled(returns, indices), &resampled(theirs, indices)).unwrap_or_default()
+        };
         bootstrap(contexts, plan.bootstrap_draws, plan.confidence, &mut stream, of).ok()
     };
-    let differences = a.returns.iter().zip(&b.returns).map(|(a, b)| {
+    let differences = returns.iter().zip(theirs).map(|(a, b)| {
         let differences: Vec<f64> = a.iter().zip(b).map(|(a, b)| b - a).collect();
         let count = |sign: f64| differences.iter().filter(|d| **d * sign > 0.0).count() as u64;
         Difference {
@@ -230,10 +247,7 @@ fn pair(
             sign_test: sign_test(count(1.0), count(-1.0)),
         }
     });
-    let seen = a.seen.iter().zip(&b.seen);
-    let parted: Vec<f64> = seen.filter_map(|(a, b)| parted_after(a, b, run.spec.observation_size)).collect();
-    let quartile = |share: f64| quantile(&parted, share);
-    let quartiles = || Ok::<_, RunError>([quartile(0.25)?, quartile(0.5)?, quartile(0.75)?]);
+    let (parted, parted_after) = partings(&a.traced, &b.traced, run.spec.observation_size)?;
     Ok(Pair {
         first,
         second,
@@ -241,9 +255,19 @@ fn pair(
         spearman: interval(spearman),
         shared_best: engines[first].best.iter().filter(|n| engines[second].best.contains(n)).count(),
         differences: differences.collect(),
-        parted: parted.len() as f64 / a.seen.len().max(1) as f64,
-        parted_after: (!parted.is_empty()).then(quartiles).transpose()?,
+        parted,
+        parted_after,
     })
+}
+
+/// [`Pair::parted`] and [`Pair::parted_after`].
+fn partings(a: &Traced, b: &Traced, size: usize) -> Result<(Option<f64>, Option<[f64; 3]>), RunError> {
+    let (Traced::Rollouts(a), Traced::Rollouts(b)) = (a, b) else { return Ok((None, None)) };
+    let steps: Vec<f64> = a.iter().zip(b).filter_map(|(a, b)| parted_after(a, b, size)).collect();
+    let quartile = |share: f64| quantile(&steps, share);
+    let quartiles = || Ok::<_, RunError>([quartile(0.25)?, quartile(0.5)?, quartile(0.75)?]);
+    let share = steps.len() as f64 / a.len().max(1) as f64;
+    Ok((Some(share), (!steps.is_empty()).then(quartiles).transpose()?))
 }
 
 /// The first control step whose observations differ by more than [`PARTED`], or at which only one goes on; `None` where they

@@ -6,7 +6,7 @@ use crate::crew::{RunError, Unit};
 use crate::discover::{CONTEXTS_PER_UNIT, ContextSet, Discovery, Run};
 use crate::performer::{Performer, PerformerRole};
 use crate::scene::{Film, Scene};
-use crate::simulator::{Engine, SimulatorConfig};
+use crate::simulator::Engine;
 use crate::units::evaluate::Behavior;
 use crate::units::film::{self, Filmed};
 
@@ -37,17 +37,18 @@ pub struct FilmOf {
     pub film: Film,
 }
 
-/// The chosen options and random torque in the first `count` held-out contexts, on the run's own simulator and on
-/// `others`: one replay for each that can be seen.
+/// The chosen options and random torque in the first `count` held-out contexts, on the run's own simulator and on those of
+/// `others`, which are as in [`crosscheck`](crate::crosscheck::crosscheck): one replay for each that can be seen.
 ///
 /// # Errors
-/// See [`RunError`].
+/// See [`RunError`]; also another robot or other reward terms.
 pub fn replays(
     run: &Run<'_>,
     discovery: &Discovery,
-    others: &[Box<dyn SimulatorConfig>],
+    others: &[Run<'_>],
     count: usize,
 ) -> Result<Vec<Replay>, RunError> {
+    run.comparable_with(others)?;
     let own = run.held_out_contexts(run.experiment.report.contexts)?;
     let mut performers: Vec<Performer> = discovery
         .selection
@@ -58,9 +59,8 @@ pub fn replays(
     let role = PerformerRole::Plain(|| Behavior::RandomTorque);
     performers.push(Performer { name: "random torque".to_owned(), role });
     let mut replays = Vec::new();
-    for experiment in &run.on_each(others) {
-        let there = Run::new(experiment, run.crew)?;
-        replays.extend(replay(&there, &performers, &there.same_contexts(&own)?, count)?);
+    for there in std::iter::once(run).chain(others) {
+        replays.extend(replay(there, &performers, &there.same_contexts(run, &own)?, count)?);
     }
     Ok(replays)
 }

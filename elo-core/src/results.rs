@@ -169,16 +169,17 @@ fn baseline_rows_csv(held_out: &HeldOut) -> String {
 fn list_failures(text: &mut String, table: &str, rows: &[&[Rollout]]) {
     for (row, rollouts) in rows.iter().enumerate() {
         for (context, rollout) in rollouts.iter().enumerate() {
-            let reason = match &rollout.ending {
-                Ending::Failed(reason) => reason.as_str(),
-                Ending::Truncated => "cut short by the environment",
-                Ending::Horizon | Ending::Terminated => continue,
-            };
-            // One line a failure, whatever an engine wrote.
-            let reason = reason.lines().map(str::trim).collect::<Vec<_>>().join(" | ").replace('"', "\"\"");
-            let _ = writeln!(text, "{table},{row},{context},\"{reason}\"");
+            if let Some(reason) = rollout.ending.trouble() {
+                list_failure(text, &format!("{table},{row},{context}"), reason);
+            }
         }
     }
+}
+
+/// One line, whatever an engine wrote.
+fn list_failure(text: &mut String, place: &str, reason: &str) {
+    let reason = reason.lines().map(str::trim).collect::<Vec<_>>().join(" | ").replace('"', "\"\"");
+    let _ = writeln!(text, "{place},\"{reason}\"");
 }
 
 /// The arrays of one table of rollouts. Rows of different lengths (a selector that eliminates) are filled up with NaN

@@ -49,7 +49,16 @@ pub enum Ending {
 impl Ending {
     /// Whether the sums are a return of the option rather than an accident of the simulator.
     pub fn is_valid(&self) -> bool {
-        matches!(self, Self::Horizon | Self::Terminated)
+        self.trouble().is_none()
+    }
+
+    /// Why it is none.
+    pub fn trouble(&self) -> Option<&str> {
+        match self {
+            Self::Horizon | Self::Terminated => None,
+            Self::Truncated => Some("cut short by the environment"),
+            Self::Failed(reason) => Some(reason),
+        }
     }
 }
 

@@ -137,6 +137,34 @@ impl SimulatorSpec {
             .collect()
     }
 
+    /// Why rollouts of the same options here and on `other` cannot be compared: the options do not fit both, or returns are
+    /// not made of the same terms at the same prices. The order of the terms does not matter.
+    pub fn incomparable(&self, other: &Self) -> Option<String> {
+        let terms = |spec: &Self| {
+            let mut terms: Vec<String> = spec.reward_terms.iter().map(|term| spec.priced(term)).collect();
+            terms.sort_unstable();
+            terms.join(", ")
+        };
+        let (ours, theirs) = (terms(self), terms(other));
+        let fit = self.interface().difference(&other.interface());
+        let fit = fit.map(|difference| format!("the options do not fit: {difference}"));
+        fit.or_else(|| {
+            (ours != theirs)
+                .then(|| format!("returns cannot be compared: reward terms {ours} against {theirs}"))
+        })
+    }
+
+    /// A term and what a task that mentions nothing pays for it, in words.
+    fn priced(&self, term: &RewardTerm) -> String {
+        match &term.weight {
+            Weight::Constant(weight) => format!("`{}` at {weight}", term.name),
+            Weight::Parameter(name) => {
+                let default = self.parameter_value(&Task::default(), name);
+                format!("`{}` at `{name}` ({default} by default)", term.name)
+            }
+        }
+    }
+
     /// What must agree for an option of one simulator to run on another: robot, sizes, bounds and control step.
     pub fn interface(&self) -> Interface {
         Interface {
@@ -204,5 +232,25 @@ mod tests {
         assert_eq!(spec.prices(&dear), [1.0, -2.0]);
         assert_eq!(spec.task_faults(&dear), Vec::<String>::new());
         assert_eq!(spec.task_faults(&Task::new([("effort", 0.0)])).len(), 1);
+    }
+
+    #[test]
+    fn returns_compare_where_the_terms_and_their_prices_are_the_same_in_any_order() {
+        let spec = crate::conformance::point_mass::PointMassConfig::default().description();
+        let other = |change: fn(&mut SimulatorSpec)| {
+            let mut other = spec.clone();
+            change(&mut other);
+            spec.incomparable(&other)
+        };
+        assert_eq!(other(|spec| spec.reward_terms.reverse()), None);
+        let why = other(|spec| spec.reward_terms[0].name = "reward".to_owned());
+        let expected = "returns cannot be compared: reward terms `closeness` at 1, `effort` at `effort_cost` (-0.1 by \
+                        default) against `effort` at `effort_cost` (-0.1 by default), `reward` at 1";
+        assert_eq!(why.as_deref(), Some(expected));
+        assert!(other(|spec| spec.reward_terms[0].weight = Weight::Constant(2.0)).is_some());
+        assert!(other(|spec| spec.task_parameters[0].default = -0.2).is_some());
+        assert!(other(|spec| spec.reward_terms.truncate(1)).is_some());
+        let why = other(|spec| spec.observation_size = 3);
+        assert_eq!(why.as_deref(), Some("the options do not fit: observation size 2 against 3"));
     }
 }

@@ -3,7 +3,7 @@
 use std::fs::OpenOptions;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use elo_core::conformance::point_mass::PointMassConfig;
+use elo_core::conformance::point_mass::{PointMassConfig, replay_only};
 use elo_core::fault::Faults;
 use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::plugin::Plugin;
@@ -51,6 +51,12 @@ pub struct WaywardConfig {
     pub heavy_is_not_a_number: bool,
     /// Ends its process when an action is above 50, which no teacher does.
     pub dies: Dies,
+    /// Cannot be put into states.
+    pub replay_only: bool,
+    /// Has its reward terms in the other order.
+    pub reversed_terms: bool,
+    /// Raises an exception at this step after each reset.
+    pub raises_at: Option<u32>,
 }
 
 /// When the engine ends its process. Other than `never` it runs in the worker `elo-wayward-worker`.
@@ -67,7 +73,15 @@ pub enum Dies {
 
 impl Default for WaywardConfig {
     fn default() -> Self {
-        Self { reset_spread: 0.5, unstable: false, heavy_is_not_a_number: false, dies: Dies::Never }
+        Self {
+            reset_spread: 0.5,
+            unstable: false,
+            heavy_is_not_a_number: false,
+            dies: Dies::Never,
+            replay_only: false,
+            reversed_terms: false,
+            raises_at: None,
+        }
     }
 }
 
@@ -84,7 +98,12 @@ impl SimulatorConfig for WaywardConfig {
     }
 
     fn spec(&self) -> Result<SimulatorSpec, BuildError> {
-        self.point_mass().spec()
+        let mut spec = self.point_mass().description();
+        spec.capabilities.settable_state = !self.replay_only;
+        if self.reversed_terms {
+            spec.reward_terms.reverse();
+        }
+        Ok(spec)
     }
 
     fn engine(&self) -> Engine {
@@ -96,8 +115,10 @@ impl SimulatorConfig for WaywardConfig {
     }
 
     fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
-        let inner = self.point_mass().build()?;
-        Ok(Box::new(Wayward { config: self.clone(), inner, fragile: false, not_a_number: false }))
+        let inner =
+            if self.replay_only { replay_only(self.point_mass()) } else { self.point_mass().build()? };
+        let (config, spec) = (self.clone(), self.spec()?);
+        Ok(Box::new(Wayward { config, spec, inner, fragile: false, not_a_number: false, steps: 0 }))
     }
 }
 
@@ -109,20 +130,24 @@ impl Hosted for WaywardConfig {
 
 struct Wayward {
     config: WaywardConfig,
+    spec: SimulatorSpec,
     inner: Box<dyn Simulator>,
     /// The next action is the first after a start that can lose its state.
     fragile: bool,
     /// The task makes reward terms NaN.
     not_a_number: bool,
+    /// Since the reset.
+    steps: u32,
 }
 
 impl Simulator for Wayward {
     fn spec(&self) -> &SimulatorSpec {
-        self.inner.spec()
+        &self.spec
     }
 
     fn reset(&mut self, task: &Task, start: &Start, observation: &mut [f32]) -> Result<(), SimulatorError> {
         self.inner.reset(task, start, observation)?;
+        self.steps = 0;
         self.fragile =
             self.config.unstable && matches!(start, Start::State(state) if is_among_a_tenth(state));
         self.not_a_number =
@@ -143,8 +168,15 @@ impl Simulator for Wayward {
         if action[0] > 50.0 {
             self.config.dies.perhaps();
         }
+        self.steps += 1;
+        if self.config.raises_at == Some(self.steps) {
+            return Err(SimulatorError::Engine(format!("ValueError: step {}", self.steps)));
+        }
         if self.not_a_number {
             reward_terms.fill(f64::NAN);
+        }
+        if self.config.reversed_terms {
+            reward_terms.reverse();
         }
         Ok(end)
     }

@@ -1,13 +1,24 @@
-//! `elo crosscheck`: an engine agrees with itself in everything, and two engines are compared in the same contexts.
+//! `elo crosscheck`: an engine agrees with itself in everything, and two engines are compared in the same contexts, also
+//! where one of them lists its reward terms in another order, cannot be put into states, or loses its workers.
 
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
 
+use elo_core::crew::{Crew, RunError, Staff, Unwatched};
 use elo_core::crosscheck::Crosscheck;
+use elo_core::discover::{Run, discover};
+use elo_core::fingerprint::fingerprint;
+use elo_core::hosted::WorkerProgram;
+use elo_core::run_dir::RunDir;
+use elo_core::worker::{Limits, WorkerFault, WorkerProcess};
+use elo_core::workforce::Hosts;
 use elo_tests::programs::{self, Ran, elo_with, run, write};
+use elo_tests::toy::{experiment, formats, toy_with};
 
 /// A small run of the half-cheetah on Rapier, shared by all tests.
 fn finished() -> &'static Path {
@@ -53,7 +64,7 @@ fn an_engine_agrees_with_itself() {
     let [pair] = &found.pairs[..] else { panic!("{found:?}") };
     assert!((pair.kendall.unwrap().estimate - 1.0).abs() < 1e-12, "{pair:?}");
     assert!((pair.spearman.unwrap().estimate - 1.0).abs() < 1e-12, "{pair:?}");
-    assert_eq!((pair.shared_best, pair.parted, pair.parted_after), (3, 0.0, None));
+    assert_eq!((pair.shared_best, pair.parted, pair.parted_after), (3, Some(0.0), None));
     assert!(pair.differences.iter().all(|d| d.mean == 0.0 && d.sign_test == 1.0), "{pair:?}");
     assert_eq!(found.robust, own.best);
     let stored = std::fs::read(finished().join("results/crosscheck.json")).unwrap();
@@ -106,4 +117,103 @@ fn what_cannot_be_compared_is_told_before_any_work() {
     let mut command = elo_with(&["crosscheck", "--simulator", "rapier"]);
     let ran = run(command.arg(folder.path())).expect_code(2);
     assert!(ran.stderr.contains("experiment.toml"), "{ran}");
+}
+
+/// Starts the worker of the engine that goes wrong, and counts.
+#[derive(Default)]
+struct Counting(AtomicUsize);
+
+impl Counting {
+    fn started(&self) -> usize {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+impl Hosts for Counting {
+    fn start(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {
+        assert_eq!(*program, WorkerProgram::Beside("elo-wayward-worker"));
+        self.0.fetch_add(1, Ordering::SeqCst);
+        let command = Command::new(env!("CARGO_BIN_EXE_elo-wayward-worker"));
+        WorkerProcess::spawn(command, &fingerprint(), Limits::default())
+    }
+}
+
+/// One of two simulators: the lines of its table, and who starts its workers.
+type Side<'a> = (&'a str, &'a Counting);
+
+/// A cross-check of a small run on `own` with `other`; all options are too strong where they are `overdriven`.
+fn checked(own: Side<'_>, other: Side<'_>, overdriven: bool) -> Result<Crosscheck, RunError> {
+    let learner = format!("kind = \"wayward\"\noverdriven_share = {}.0", u8::from(overdriven));
+    let on = |simulator: &str| {
+        experiment(&toy_with(&[
+            ("kind = \"point_mass\"\nreset_spread = 0.5", simulator),
+            ("kind = \"open_loop\"", &learner),
+            ("steps = 16_384", "steps = 2048"),
+            ("checkpoint_every = 2048", "checkpoint_every = 4096"),
+            ("candidates = 24\ncontexts = 60", "candidates = 6\ncontexts = 6"),
+            ("contexts = 60\nrandom", "contexts = 6\nrandom"),
+        ]))
+    };
+    let (here, there) = (on(own.0), on(other.0));
+    let folder = tempfile::tempdir().unwrap();
+    let run_dir = RunDir::open(folder.path().join("run"))?;
+    let stop = AtomicBool::new(false);
+    let staff = Staff { workers: 2, formats: formats(), program: "elo test".to_owned() };
+    let crew = Crew::new(staff, &run_dir, own.1, &Unwatched, &stop);
+    let discovery = discover(&here, &crew)?;
+    let crew_there = crew.hosted_by(other.1);
+    let others = [Run::new(&there, &crew_there)?];
+    elo_core::crosscheck::crosscheck(&Run::new(&here, &crew)?, &discovery, &others, 6)
+}
+
+/// [`checked`] of two simulators in this process.
+fn here(own: &str, other: &str) -> Crosscheck {
+    checked((own, &Counting::default()), (other, &Counting::default()), false).unwrap()
+}
+
+const POINT_MASS: &str = "kind = \"point_mass\"\nreset_spread = 0.5";
+
+#[test]
+fn terms_are_priced_by_their_names() {
+    let found = here(POINT_MASS, "kind = \"wayward\"\nreversed_terms = true");
+    let [own, other] = &found.engines[..] else { panic!("{found:?}") };
+    assert!(other.same_starts, "{found:?}");
+    assert_eq!(own.scores, other.scores, "the same motion earns the same");
+}
+
+#[test]
+fn starts_are_the_same_only_where_both_can_be_put_into_states() {
+    let replayed = "kind = \"wayward\"\nreplay_only = true";
+    for (own, other) in [(POINT_MASS, replayed), (replayed, POINT_MASS)] {
+        let found = here(own, other);
+        let [own, other] = &found.engines[..] else { panic!("{found:?}") };
+        assert_eq!((own.same_starts, other.same_starts), (true, false), "{found:?}");
+    }
+    let [_, again] = &here(replayed, replayed).engines[..] else { panic!() };
+    assert!(again.same_starts, "an engine agrees with itself");
+}
+
+#[test]
+fn each_engine_has_workers_of_its_own() {
+    let hosted = "kind = \"wayward\"\ndies = \"always\"";
+    let reversed = format!("{hosted}\nreversed_terms = true");
+    let (own, other) = (Counting::default(), Counting::default());
+    checked((hosted, &own), (&reversed, &other), false).unwrap();
+    assert!((1..=2).contains(&own.started()) && (1..=2).contains(&other.started()));
+}
+
+#[test]
+fn lost_workers_leave_rollouts_that_failed_and_no_trajectories() {
+    let (own, other) = (Counting::default(), Counting::default());
+    let found = checked((POINT_MASS, &own), ("kind = \"wayward\"\ndies = \"always\"", &other), true).unwrap();
+    let [here, there] = &found.engines[..] else { panic!("{found:?}") };
+    assert_eq!((here.failures, &here.first_failure, &here.unseen), (0.0, &None, &None));
+    assert_eq!(there.failures, 1.0);
+    for why in [&there.first_failure, &there.unseen] {
+        let why = why.as_ref().unwrap();
+        assert!(why.contains("elo-wayward-worker was lost 3 times"), "{why}");
+        assert!(why.starts_with("unit ") && why.contains("overflowed its stack"), "{why}");
+    }
+    let [pair] = &found.pairs[..] else { panic!("{found:?}") };
+    assert_eq!((pair.parted, pair.parted_after, pair.kendall), (None, None, None));
 }

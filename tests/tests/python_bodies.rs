@@ -17,7 +17,7 @@ use elo_core::task::Task;
 use elo_core::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
 use elo_core::units::film::{Film, Filmed};
 use elo_core::units::play::Play;
-use elo_core::units::trace::{self, Trace};
+use elo_core::units::trace::{self, Trace, Traced};
 use elo_core::units::{Work, prepare};
 use elo_core::worker::WorkerProcess;
 use elo_core::workers::Workers;
@@ -50,8 +50,11 @@ fn played(worker: &mut WorkerProcess, simulator: &serde_json::Value) -> Played {
         worker.run(&job, &inputs, &mut Unwatched).unwrap()
     };
     let evaluate = || Evaluate { contexts: 1, play: play() };
+    let Traced::Rollouts(seen) = Traced::decode(&done(Trace(play()).into())).unwrap() else {
+        panic!("nothing was seen")
+    };
     Played {
-        seen: trace::decode(&done(Trace(play()).into())).unwrap(),
+        seen,
         table: RolloutTable::decode(&done(evaluate().into())).unwrap(),
         filmed: Filmed::decode(&done(Film { rollouts: evaluate(), first: 2 }.into())).unwrap(),
     }

@@ -1,11 +1,11 @@
 //! `elo crosscheck`: a finished run's options in the same contexts on other engines.
 
 use elo_core::crosscheck::crosscheck;
-use elo_core::discover::{Run, discover, duplicate};
+use elo_core::discover::{Run, discover};
 use elo_core::plugin::Plugin;
 
 use crate::arguments::Crosscheck;
-use crate::engines::{hosts, others};
+use crate::engines::{others, with_runs};
 use crate::exit::Exit;
 use crate::open::{ready_to_run, staff, with_crew};
 use crate::output::{print, print_json};
@@ -20,11 +20,12 @@ pub fn run(arguments: &Crosscheck, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let others = others(&arguments.run, &experiment, &arguments.simulators, plugins)?;
     ready_to_run(&experiment)?;
 
-    let simulators: Vec<_> = others.iter().map(|other| duplicate(&other.simulator)).collect();
     let staff = staff(arguments.workers, plugins)?;
-    let found = with_crew(&arguments.run, hosts(&experiment, &others), staff, |crew| {
+    let found = with_crew(&arguments.run, &experiment, staff, |crew| {
         let discovery = discover(&experiment, crew)?;
-        let found = crosscheck(&Run::new(&experiment, crew)?, &discovery, &simulators, arguments.contexts)?;
+        let own = Run::new(&experiment, crew)?;
+        let found =
+            with_runs(&others, crew, |others| crosscheck(&own, &discovery, others, arguments.contexts))?;
         crew.run_dir.write_json("results/crosscheck.json", &found)?;
         Ok(found)
     })?;

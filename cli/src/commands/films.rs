@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use elo_core::discover::{Run, discover, duplicate};
+use elo_core::discover::{Run, discover};
 use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
 use elo_core::plugin::Plugin;
 use elo_core::replay::{Replay, replays};
 
 use crate::arguments::Report;
-use crate::engines::{hosts, others};
+use crate::engines::{others, with_runs};
 use crate::exit::Exit;
 use crate::load;
 use crate::open::{ready_to_run, staff, with_crew};
@@ -28,10 +28,10 @@ pub fn films(arguments: &Report, folder: &Path, plugins: &[&[Plugin]]) -> Result
         return Ok(Vec::new());
     }
     let staff = staff(arguments.workers, plugins)?;
-    let simulators: Vec<_> = others.iter().map(|other| duplicate(&other.simulator)).collect();
-    with_crew(folder, hosts(&experiment, &others), staff, |crew| {
+    with_crew(folder, &experiment, staff, |crew| {
         let discovery = discover(&experiment, crew)?;
-        Ok(replays(&Run::new(&experiment, crew)?, &discovery, &simulators, arguments.replays)?)
+        let own = Run::new(&experiment, crew)?;
+        Ok(with_runs(&others, crew, |others| replays(&own, &discovery, others, arguments.replays))?)
     })
 }
 

@@ -35,7 +35,11 @@ fn whole(sheet: &mut Sheet<'_>, found: &Crosscheck) -> Markup {
                     th scope="row" { (engine.engine.name) small.note { (engine.engine.version) } }
                     td { (format!("{:.1}", engine.scores.iter().sum::<f64>() / engine.scores.len().max(1) as f64)) }
                     td.text { (numbers(&engine.best)) }
-                    td { (percent(engine.failures, 1)) " %" }
+                    td {
+                        (percent(engine.failures, 1)) " %"
+                        @if let Some(why) = &engine.first_failure { small.note { "the first: " (why) } }
+                        @if let Some(why) = &engine.unseen { small.note { "no trajectories: " (why) } }
+                    }
                     td.text { (if engine.same_starts { "the same states" } else { "its own, from the same seeds" }) }
                 }
             }
@@ -81,9 +85,10 @@ fn pair_row(found: &Crosscheck, pair: &Pair, at: &At) -> Markup {
             (number_cell(pair.shared_best as f64, 0, &at.then("shared_best")))
             td { (differ().filter(|difference| difference.mean > 0.0).count()) }
             td { (differ().filter(|difference| difference.mean <= 0.0).count()) }
-            @match pair.parted_after {
-                None => { td { "never" } }
-                Some([early, middle, late]) => {
+            @match (pair.parted, pair.parted_after) {
+                (None, _) => { td { "not compared" } }
+                (_, None) => { td { "never" } }
+                (_, Some([early, middle, late])) => {
                     td {
                         (number(middle, 0, &parted.then(1))) " [" (number(early, 0, &parted.then(0))) ", "
                         (number(late, 0, &parted.then(2))) "]"

@@ -196,6 +196,8 @@ fn crosscheck(sizes: Sizes) -> Crosscheck {
         same_starts: shift == 0,
         scores: scores(shift),
         failures: 0.001,
+        first_failure: Some("</td><b>it blew up".to_owned()),
+        unseen: None,
         best: (0..sizes.set_size).collect(),
     };
     Crosscheck {
@@ -212,7 +214,7 @@ fn crosscheck(sizes: Sizes) -> Crosscheck {
             differences: (0..sizes.candidates)
                 .map(|i| Difference { mean: noise(i), sign_test: 0.5 })
                 .collect(),
-            parted: 0.9,
+            parted: Some(0.9),
             parted_after: Some([1.0, 2.0, 5.0]),
         }],
         robust: vec![3, 4],

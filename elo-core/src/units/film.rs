@@ -233,7 +233,7 @@ mod tests {
         assert!((0..bytes.len()).all(|length| Filmed::decode(&bytes[..length]).is_err()));
         let greedy = Filmed { scene: None, takes: decoded.takes };
         assert!(Filmed::decode(&greedy.encode()).is_err(), "steps without bodies");
-        let lost = work.outcome_of_lost_worker(&inputs(), "it died").unwrap();
+        let lost = work.outcome_of_lost_worker(&inputs(), "it died").unwrap().unwrap();
         assert_eq!(Filmed::decode(&lost).unwrap(), Filmed::nothing());
     }
 }

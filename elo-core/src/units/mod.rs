@@ -32,7 +32,7 @@ use crate::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
 use codec::Malformed;
 use evaluate::{Evaluate, Subject};
 use film::Film;
-use trace::Trace;
+use trace::{Trace, Traced};
 
 /// A unit's description; its variants are the stages.
 #[derive(Debug, Serialize, Deserialize)]
@@ -170,23 +170,27 @@ impl Work {
 
 impl Work {
     /// What becomes of a unit whose worker could not be kept alive: rollouts are recorded as failed and counted by the
-    /// failure rule, films are left out; other stages cannot go on.
+    /// failure rule, films and trajectories are left out; `None` for other stages, which cannot go on.
     ///
     /// # Errors
-    /// [`WorkError::Failed`] for the other stages.
-    pub fn outcome_of_lost_worker(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
+    /// Inputs that cannot be read.
+    pub fn outcome_of_lost_worker(
+        &self,
+        inputs: &[Vec<u8>],
+        reason: &str,
+    ) -> Result<Option<Vec<u8>>, WorkError> {
         match self {
-            Self::Evaluate(work) => work.all_failed(inputs, reason),
-            Self::Film(_) => Ok(film::Filmed::nothing().encode()),
+            Self::Evaluate(work) => work.all_failed(inputs, reason).map(Some),
+            Self::Film(_) => Ok(Some(film::Filmed::nothing().encode())),
+            Self::Trace(_) => Ok(Some(Traced::Lost(reason.to_owned()).encode())),
             Self::Train(_)
             | Self::Record(_)
             | Self::Learn(_)
             | Self::Apprentice(_)
             | Self::Practise(_)
             | Self::Prepare(_)
-            | Self::Trace(_)
             | Self::Score(_)
-            | Self::Describe(_) => Err(WorkError::Failed(reason.to_owned())),
+            | Self::Describe(_) => Ok(None),
         }
     }
 }

@@ -12,6 +12,15 @@ use crate::rollout::{Rollout, Witness};
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Trace(pub Play);
 
+/// What a unit gives.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Traced {
+    /// What was seen in each rollout, subject by subject.
+    Rollouts(Vec<Seen>),
+    /// Nothing, because no worker could be kept alive: why.
+    Lost(String),
+}
+
 /// The observations of one rollout, one after the other; the first is that of the start.
 pub type Seen = Vec<f32>;
 
@@ -33,21 +42,55 @@ impl Trace {
     ) -> Result<Vec<u8>, WorkError> {
         let contexts = prepare::decode(input(inputs, 0)?)?;
         let played: Vec<(Rollout, Eyes)> = self.0.run(&contexts, inputs, site, monitor)?;
-        let seen: Vec<Seen> = played.into_iter().map(|(_, eyes)| eyes.0).collect();
-        Ok(codec::encode_rows(&seen, codec::f32_bytes))
+        let seen = played.into_iter().map(|(_, eyes)| eyes.0).collect();
+        Ok(Traced::Rollouts(seen).encode())
     }
 }
 
-/// Reads a unit's result: the observations of each rollout, subject by subject.
-///
-/// # Errors
-/// [`Malformed`].
-pub fn decode(bytes: &[u8]) -> Result<Vec<Seen>, Malformed> {
-    codec::decode_rows(bytes, codec::f32_numbers)
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Lost {
+    lost: String,
+}
+
+impl Traced {
+    /// The bytes.
+    pub(super) fn encode(&self) -> Vec<u8> {
+        match self {
+            Self::Rollouts(seen) => codec::encode_rows(seen, codec::f32_bytes),
+            Self::Lost(reason) => codec::encode(&Lost { lost: reason.clone() }, &[]),
+        }
+    }
+
+    /// Reads a unit's result.
+    ///
+    /// # Errors
+    /// [`Malformed`].
+    pub fn decode(bytes: &[u8]) -> Result<Self, Malformed> {
+        match codec::decode::<Lost>(bytes) {
+            Ok((Lost { lost }, _)) => Ok(Self::Lost(lost)),
+            Err(_) => codec::decode_rows(bytes, codec::f32_numbers).map(Self::Rollouts),
+        }
+    }
 }
 
 impl From<Trace> for Work {
     fn from(work: Trace) -> Self {
         Self::Trace(work)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn what_was_seen_and_why_nothing_was_come_back() {
+        for traced in [Traced::Rollouts(vec![vec![0.5, 1.0], vec![]]), Traced::Lost("it died".to_owned())] {
+            let bytes = traced.encode();
+            assert_eq!(Traced::decode(&bytes).unwrap(), traced);
+            assert!((0..bytes.len()).all(|length| Traced::decode(&bytes[..length]).is_err()), "{traced:?}");
+        }
     }
 }

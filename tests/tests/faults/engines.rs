@@ -237,6 +237,9 @@ fn a_worker_that_ends_costs_a_retry_and_then_one_unit() {
         listed.iter().all(|(.., text)| text.contains(reason) && text.contains("exit code 1")),
         "{listed:?}"
     );
+    // Each names the unit that was given up, as the notices do.
+    let unit = |text: &str| text.trim_matches('"').split_once(": ").unwrap().0.to_owned();
+    assert!(listed.iter().all(|(.., text)| ran.stderr.contains(&unit(text))), "{listed:?}");
     let report: Report = serde_json::from_slice(&fs::read(out.join("results/report.json")).unwrap()).unwrap();
     let rows: BTreeSet<usize> =
         listed.iter().filter(|(table, ..)| table == "select").map(|(_, row, ..)| *row).collect();

@@ -20,6 +20,7 @@ use elo_core::performer::Performer;
 use elo_core::policy::OptionPolicy;
 use elo_core::results::folder_name;
 use elo_core::spec::SimulatorSpec;
+use elo_core::units::trace::Traced;
 use measurements::{Failure, PLUGINS, with_crew};
 
 fn main() -> Result<(), Failure> {
@@ -47,7 +48,10 @@ fn print(folder: &Path, run: &Run<'_>, discovery: &Discovery) -> Result<(), Fail
         return Err(format!("{}: its candidates are no sets", folder.display()).into());
     }
     let contexts = run.held_out_contexts(CONTEXTS_PER_UNIT)?;
-    let seen = run.observations(&[Performer::candidate(chosen)], &contexts)?.concat();
+    let seen = match run.observations(&[Performer::candidate(chosen)], &contexts)? {
+        Traced::Rollouts(seen) => seen.concat(),
+        Traced::Lost(why) => return Err(why.into()),
+    };
     let Division { parts, information } = Division::of(&set.policies, &seen, &set.manifest.spec);
     let actions = 1.0 / set.policies[0].termination(&seen[..set.observation_size()], 1);
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
