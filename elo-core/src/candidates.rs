@@ -29,6 +29,30 @@ impl Recorded {
     fn usable(&self) -> usize {
         self.recordings.iter().filter(|recording| recording.demonstration.is_some()).count()
     }
+
+    /// The takes that failed: the recording's number, the take's number, and why.
+    pub(crate) fn failed_takes(&self) -> impl Iterator<Item = (usize, u32, String)> {
+        let numbered = self.span.items().zip(&self.recordings);
+        numbered.flat_map(|(number, recording)| {
+            recording.failures.iter().map(move |(take, why)| (number, *take, why.clone()))
+        })
+    }
+}
+
+/// Why there is nothing to learn from.
+fn none_lasted(recorded: &[Recorded], steps: usize) -> RunError {
+    let failed: Vec<_> = recorded.iter().flat_map(Recorded::failed_takes).collect();
+    let recordings = recorded.iter().flat_map(|recorded| &recorded.recordings);
+    let takes: u32 = recordings.map(|recording| recording.retakes + 1).sum();
+    RunError::Config(match failed.first() {
+        None => format!(
+            "every recording of every teacher fell before {steps} steps: train longer or lower `discover.steps`"
+        ),
+        Some((.., why)) => format!(
+            "every recording of every teacher ended before {steps} steps; {} of {takes} failed, the first one: {why}",
+            failed.len()
+        ),
+    })
 }
 
 fn usable_keys(teachers: &[Teacher]) -> Vec<Key> {
@@ -156,16 +180,9 @@ impl Run<'_> {
             }
         }
         if candidates.is_empty() {
-            return Err(self.nothing_recorded());
+            return Err(none_lasted(recorded, self.experiment.discover.steps));
         }
         Ok((candidates, given_up))
-    }
-
-    fn nothing_recorded(&self) -> RunError {
-        RunError::Config(format!(
-            "every recording of every teacher fell before {} steps: train longer or lower `discover.steps`",
-            self.experiment.discover.steps
-        ))
     }
 
     /// Sets of options that are learned together; each begins from its own recordings where there are any.
@@ -191,7 +208,7 @@ impl Run<'_> {
         let (numbers, mut given_up): (Vec<usize>, Vec<usize>) = (0..sizes.candidates)
             .partition(|number| recorded.get(*number).is_none_or(|recorded| recorded.usable() > 0));
         if numbers.is_empty() {
-            return Err(self.nothing_recorded());
+            return Err(none_lasted(recorded, sizes.steps));
         }
         let units: Vec<Unit> = numbers.iter().map(|number| unit(*number)).collect();
         let keys = self.crew.complete("option sets", &units)?;

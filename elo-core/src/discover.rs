@@ -9,6 +9,7 @@
 
 use std::ops::Range;
 
+use crate::candidates::Recorded;
 use crate::context::Split;
 use crate::crew::{Crew, RunError, Unit};
 use crate::experiment::{EvaluationTasks, Experiment, NO_TEACHER};
@@ -46,8 +47,10 @@ pub struct Discovery {
     pub teachers: Vec<Teacher>,
     /// The candidates that have an option.
     pub candidates: Vec<Candidate>,
-    /// Candidates that were given up, by number: every recording fell, or every training of the set diverged.
+    /// Candidates that were given up, by number: every recording fell or failed, or every training of the set diverged.
     pub given_up: Vec<usize>,
+    /// Takes of recordings that failed: the recording's number, which is that of its candidate, the take's number, and why.
+    pub failed_takes: Vec<(usize, u32, String)>,
     /// Every candidate's rollouts in the selection contexts.
     pub rollouts: Vec<Vec<Rollout>>,
     /// The selection contexts.
@@ -157,6 +160,7 @@ pub fn discover(experiment: &Experiment, crew: &Crew<'_>) -> Result<Discovery, R
         //    Or learn N sets of K options that maximise J(θ) (Eq. 6.1).
         Way::Practises(_) => run.practise_sets(&recordings)?,
     };
+    let failed_takes = recordings.iter().flat_map(Recorded::failed_takes).collect();
     // 3. Return the candidates.
 
     // (b) Estimate the return distribution of candidates: execute each in Z random contexts, common to all. The selector
@@ -167,7 +171,16 @@ pub fn discover(experiment: &Experiment, crew: &Crew<'_>) -> Result<Discovery, R
     // (c) Select the top K candidates by each metric ψ, or the best set.
     let pool = Pool { candidates: &candidates, contexts: &contexts };
     let (selection, rollouts) = run.select(&pool, &experiment.metrics, &experiment.returns)?;
-    Ok(Discovery { spec: run.spec.clone(), teachers, candidates, given_up, rollouts, contexts, selection })
+    Ok(Discovery {
+        spec: run.spec.clone(),
+        teachers,
+        candidates,
+        given_up,
+        failed_takes,
+        rollouts,
+        contexts,
+        selection,
+    })
 }
 
 /// What every stage of one run needs.

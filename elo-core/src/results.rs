@@ -13,7 +13,7 @@
 //! | `select_ending.npy` | (N, Z) u8 | 0 whole horizon, 1 fell, 2 cut short, 3 failed |
 //! | `report_options_*.npy` | (options, Z, …) | the same for the options named in `report_options.csv` |
 //! | `report_baselines_*.npy` | (rows, Z, …) | the same for the rows named in `report_baselines.csv` |
-//! | `failures.csv` | | table, row, context and reason of every failed rollout |
+//! | `failures.csv` | | table, row, context and reason of every failed rollout; of failed recordings their number (the candidate's) and the take |
 //!
 //! The rows of `select_*` follow `candidates.csv`. A return is the inner product of the term sums with the prices of the
 //! context's task.
@@ -63,6 +63,9 @@ pub fn write(run: &Run<'_>, discovery: &Discovery, held_out: &HeldOut) -> Result
             put(&name, &bytes)?;
         }
         list_failures(&mut failures, table, &rows);
+    }
+    for (recording, take, why) in &discovery.failed_takes {
+        list_failure(&mut failures, &format!("recordings,{recording},{take}"), why);
     }
     put("report_options.csv", option_rows_csv(discovery, held_out).as_bytes())?;
     put("report_baselines.csv", baseline_rows_csv(held_out).as_bytes())?;

@@ -59,14 +59,16 @@ fn teachers(sheet: &Sheet<'_>) -> Markup {
 
 fn failures(sheet: &Sheet<'_>) -> Markup {
     let (rule, failures) = (&sheet.run.plan.failures, &sheet.run.failures);
+    let takes = failures.iter().filter(|failure| failure.is_of_a_recording()).count();
     html! {
         p {
             "Rollouts that fail " (policy(rule.policy)) "; the run stops when more than "
             (percent(rule.max_share, 0)) " % of the selecting rollouts fail. "
-            @if failures.is_empty() { "None failed." } @else { (failures.len()) " failed." }
+            @if failures.is_empty() { "None failed." } @else { (failures.len() - takes) " failed." }
+            @if takes > 0 { " Recordings that failed and were taken again: " (takes) "." }
         }
         @if !failures.is_empty() {
-            (table("Failed rollouts", &["rollouts", "row", "context", "why"], &html! {
+            (table("Failed rollouts", &["rollouts", "row", "context or take", "why"], &html! {
                 @for failure in failures.iter().take(LISTED) {
                     tr {
                         th scope="row" { (failure.table) }

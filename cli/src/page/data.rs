@@ -88,14 +88,21 @@ pub struct CandidateRow {
 /// A line of `failures.csv`.
 #[derive(Clone, Debug, serde::Deserialize)]
 pub struct FailureRow {
-    /// Which rollouts: `select`, `report_options` or `report_baselines`.
+    /// Which rollouts: `select`, `report_options`, `report_baselines` or `recordings`.
     pub table: String,
-    /// The row in them.
+    /// The row in them; the number of a recording.
     pub row: usize,
-    /// The context.
+    /// The context; the take of a recording.
     pub context: usize,
     /// Why.
     pub reason: String,
+}
+
+impl FailureRow {
+    /// Whether it was a recording, which was taken again.
+    pub fn is_of_a_recording(&self) -> bool {
+        self.table == "recordings"
+    }
 }
 
 impl RunData {

@@ -141,6 +141,8 @@ fn falls(sheet: &Sheet<'_>, set: &SetReport, at: &At) -> Markup {
 
 fn warnings(sheet: &Sheet<'_>) -> Markup {
     let (report, failures) = (&sheet.run.report, &sheet.run.failures);
+    let takes = failures.iter().filter(|failure| failure.is_of_a_recording()).count();
+    let rollouts = failures.len() - takes;
     let (given_up, diverged) = (
         report.candidates.given_up.len(),
         report.teachers.iter().map(|teacher| teacher.diverged.len()).sum::<usize>(),
@@ -152,8 +154,9 @@ fn warnings(sheet: &Sheet<'_>) -> Markup {
         } @else {
             ul.warnings {
                 @for warning in &report.warnings { li { (warning) } }
-                @if !failures.is_empty() { li { "Rollouts that failed: " (failures.len()) ". Such rollouts " (policy(sheet.run.plan.failures.policy)) "; see the last section." } }
-                @if given_up > 0 { li { "Candidates that were given up, because every recording fell or every training diverged: " (given_up) "." } }
+                @if takes > 0 { li { "Recordings that failed and were taken again: " (takes) "; see the last section." } }
+                @if rollouts > 0 { li { "Rollouts that failed: " (rollouts) ". Such rollouts " (policy(sheet.run.plan.failures.policy)) "; see the last section." } }
+                @if given_up > 0 { li { "Candidates that were given up, because every recording fell or failed or every training diverged: " (given_up) "." } }
                 @if diverged > 0 { li { "Trainings that diverged and were given up: " (diverged) "." } }
             }
         }

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::arena::Arena;
 use super::learn::encode;
 use super::record::{self, Record, Recording};
 use super::{Site, Work, WorkError, input};
@@ -10,7 +11,7 @@ use crate::context::Context;
 use crate::policy::{
     Demonstration, Monitor, OptionLearner, OptionPolicy, PolicyRecord, TeacherPolicy, Tutor, Way,
 };
-use crate::rollout::{Setting, Tape, watched};
+use crate::rollout::{Ending, Rollout, Setting, Tape, watched};
 use crate::seed::Seed;
 use crate::simulator::Simulator;
 use crate::spec::SimulatorSpec;
@@ -41,8 +42,9 @@ impl Apprentice {
         };
         let Record { simulator, tasks, span, .. } = &self.recording;
         let recordings = record::decode(input(inputs, 0)?)?;
-        let simulator = site.simulator(simulator.as_ref())?;
-        let teachers = self.recording.teachers(&inputs[1..], simulator.spec())?;
+        let mut arena = Arena::new(site, simulator.as_ref());
+        let spec = arena.simulator()?.spec().clone();
+        let teachers = self.recording.teachers(&inputs[1..], &spec)?;
         let mut options: Vec<Option<PolicyRecord>> = Vec::with_capacity(recordings.len());
         for ((i, seed), Recording { teacher, demonstration, .. }) in span.seeds(&self.seed).zip(&recordings) {
             monitor.progress(options.len() as u64, span.count as u64)?;
@@ -54,7 +56,8 @@ impl Apprentice {
                 recording: &self.recording,
                 task: &tasks[*teacher],
                 teacher: teachers[*teacher].as_ref(),
-                simulator: &mut *simulator,
+                spec: &spec,
+                arena: &mut arena,
             };
             let learned = learner.learn(demonstration, &mut tutor, &seed);
             let option = learned.map_err(|why| WorkError::Failed(format!("candidate {i}: {why}")))?;
@@ -65,31 +68,35 @@ impl Apprentice {
 }
 
 /// One teacher's correction of one apprentice.
-struct Lesson<'a> {
+struct Lesson<'a, 'b> {
     recording: &'a Record,
     task: &'a Task,
     teacher: &'a dyn TeacherPolicy,
-    simulator: &'a mut dyn Simulator,
+    spec: &'a SimulatorSpec,
+    arena: &'a mut Arena<'b>,
 }
 
-impl Tutor for Lesson<'_> {
+impl Tutor for Lesson<'_, '_> {
     fn spec(&self) -> &SimulatorSpec {
-        self.simulator.spec()
+        self.spec
     }
 
     fn correct(&mut self, option: &dyn OptionPolicy, seed: &Seed) -> Result<Demonstration, String> {
-        let spec = self.simulator.spec().clone();
+        let spec = self.spec;
         let Record { initial_states, horizon, .. } = self.recording;
-        let start = initial_states.draw(self.simulator, self.task, &seed.child("start"));
+        let start = self.arena.start(initial_states, self.task, &seed.child("start"));
         let context = Context { task: self.task.clone(), start: start.map_err(|error| error.to_string())? };
-        let mut tape = Tape::default();
-        watched(
-            self.simulator,
-            &mut InfantAgent::new(&[option], &spec),
-            Setting { context: &context, horizon },
-            &mut seed.child("noise").stream(),
-            &mut tape,
-        );
+        let act = |simulator: &mut dyn Simulator| {
+            let options = [option];
+            let mut agent = InfantAgent::new(&options, spec);
+            let mut tape = Tape::default();
+            let setting = Setting { context: &context, horizon };
+            let noise = &mut seed.child("noise").stream();
+            let rollout = watched(simulator, &mut agent, setting, noise, &mut tape);
+            (rollout, tape)
+        };
+        let failed = |(rollout, _): &(Rollout, Tape)| matches!(rollout.ending, Ending::Failed(_));
+        let (_, tape) = self.arena.attempt(act, failed).map_err(|error| error.to_string())?;
         let observations = tape.observations;
         let steps = observations.len() / spec.observation_size;
         let mut actions = vec![0.0; steps * spec.action_size()];

@@ -6,6 +6,7 @@
 //! cause work to be done again.
 
 pub mod apprentice;
+mod arena;
 mod attempts;
 pub mod codec;
 pub mod describe;
@@ -214,15 +215,19 @@ impl Site {
 
     /// The simulator of `config`, built once.
     fn simulator(&mut self, config: &dyn SimulatorConfig) -> Result<&mut dyn Simulator, BuildError> {
-        Ok(match self.simulators.entry(name(config)) {
-            std::collections::btree_map::Entry::Occupied(built) => built.into_mut().as_mut(),
-            std::collections::btree_map::Entry::Vacant(place) => place.insert(config.build()?).as_mut(),
-        })
+        self.named_simulator(&name(config), config)
     }
 
-    /// Has the simulator of `config` built anew when it is asked for next.
-    fn forget(&mut self, config: &dyn SimulatorConfig) {
-        self.simulators.remove(&name(config));
+    /// The simulator of `config`, whose [`name`] is known already.
+    fn named_simulator(
+        &mut self,
+        name: &str,
+        config: &dyn SimulatorConfig,
+    ) -> Result<&mut dyn Simulator, BuildError> {
+        if !self.simulators.contains_key(name) {
+            self.simulators.insert(name.to_owned(), config.build()?);
+        }
+        Ok(self.simulators.get_mut(name).expect("it was put there").as_mut())
     }
 
     fn format(&self, name: &str) -> Result<PolicyFormat, WorkError> {

@@ -2,16 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::arena::Arena;
 use super::evaluate::Subject;
 use super::{Site, WorkError};
 use crate::context::Context;
 use crate::policy::Monitor;
 use crate::rollout::{Ending, Horizon, Rollout, Setting, Witness, watched};
 use crate::seed::Seed;
-use crate::simulator::SimulatorConfig;
-
-/// A rollout in a user's own code that failed is tried this often in all, each time in a new environment.
-const TRIES: usize = 3;
+use crate::simulator::{Simulator, SimulatorConfig};
 
 /// Who plays where, and for how long.
 #[derive(Debug, Serialize, Deserialize)]
@@ -41,34 +39,24 @@ impl Play {
         let cast = cast.collect::<Result<Vec<_>, _>>()?;
         let total = (cast.len() * contexts.len()) as u64;
         let mut played = Vec::with_capacity(cast.len() * contexts.len());
-        let mut simulator = site.simulator(self.simulator.as_ref())?;
+        let mut arena = Arena::new(site, self.simulator.as_ref());
         for (subject, cast) in self.subjects.iter().zip(&cast) {
             let seed = self.seed.child(&subject.name);
             for (j, context) in contexts.iter().enumerate() {
                 monitor.progress(played.len() as u64, total)?;
-                let mut tries = 0;
-                played.push(loop {
+                let act = |simulator: &mut dyn Simulator| {
                     let (mut noise, mut witness) = (seed.index(j as u64).stream(), W::default());
                     let setting = Setting { context, horizon: &self.horizon };
                     let rollout = cast.play(&spec, |agent| {
                         watched(&mut *simulator, agent, setting, &mut noise, &mut witness)
                     });
-                    tries += 1;
-                    if !(self.may_pass(&rollout) && tries < TRIES) {
-                        break (rollout, witness);
-                    }
-                    site.forget(self.simulator.as_ref());
-                    simulator = site.simulator(self.simulator.as_ref())?;
-                });
+                    (rollout, witness)
+                };
+                let failed = |(rollout, _): &(Rollout, W)| matches!(rollout.ending, Ending::Failed(_));
+                played.push(arena.attempt(act, failed)?);
             }
         }
         Ok(played)
-    }
-
-    /// Whether it failed for a reason that may be gone the next time. Engines of our own repeat their failures.
-    fn may_pass(&self, rollout: &Rollout) -> bool {
-        let foreign = self.simulator.hosted().is_some_and(|hosted| hosted.worker().is_interpreter());
-        foreign && matches!(rollout.ending, Ending::Failed(_))
     }
 }
 

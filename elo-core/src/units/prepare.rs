@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::arena::Arena;
 use super::codec::{self, Malformed};
 use super::{Site, Span, Work, WorkError};
 use crate::context::{Context, InitialStates};
@@ -52,15 +53,18 @@ impl TaskSource {
 
 impl Prepare {
     pub(super) fn perform(&self, site: &mut Site, monitor: &mut dyn Monitor) -> Result<Vec<u8>, WorkError> {
-        let simulator = site.simulator(self.simulator.as_ref())?;
+        let mut arena = Arena::new(site, self.simulator.as_ref());
         let mut contexts = Vec::with_capacity(self.span.count);
         for (j, seed) in self.span.seeds(&self.seed) {
             monitor.progress(contexts.len() as u64, self.span.count as u64)?;
             let (task, _) = self.tasks.draw(&mut seed.child("task").stream());
-            let start = self
-                .initial_states
-                .draw(simulator, &task, &seed.child("start"))
-                .map_err(|error| WorkError::Failed(format!("context {j}: {error}")))?;
+            let start =
+                arena.start(&self.initial_states, &task, &seed.child("start")).map_err(
+                    |error| match error {
+                        WorkError::Failed(why) => WorkError::Failed(format!("context {j}: {why}")),
+                        other => other,
+                    },
+                )?;
             contexts.push(Context { task, start });
         }
         Ok(encode(&contexts))

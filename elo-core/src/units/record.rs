@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::arena::Arena;
 use super::codec::{self, Malformed};
 use super::prepare::TaskSource;
 use super::train::TeacherResult;
@@ -10,9 +11,9 @@ use crate::agent::Taught;
 use crate::context::{Context, InitialStates, PreparedStart};
 use crate::experiment::TeacherActs;
 use crate::policy::{Demonstration, Monitor, TeacherConfig, TeacherPolicy};
-use crate::rollout::{Ending, Horizon, Setting, Tape, price, watched};
+use crate::rollout::{Ending, Horizon, Rollout, Setting, Tape, price, watched};
 use crate::seed::Seed;
-use crate::simulator::{Simulator, SimulatorConfig, SimulatorError};
+use crate::simulator::{Simulator, SimulatorConfig};
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
 
@@ -45,8 +46,10 @@ pub struct Record {
 pub struct Recording {
     /// Which teacher, i.e. which task of `W`.
     pub teacher: usize,
-    /// Recordings that fell before the end and were taken again.
+    /// Recordings that fell or failed before the end and were taken again.
     pub retakes: u32,
+    /// Takes, by their number, in which the simulator or the teacher failed or that the environment cut short: why.
+    pub failures: Vec<(u32, String)>,
     /// The teacher's own return over the recorded steps, in its own task.
     pub teacher_return: f64,
     /// What was recorded; `None` when every take fell or failed.
@@ -60,12 +63,12 @@ impl Record {
         site: &mut Site,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
-        let simulator = site.simulator(self.simulator.as_ref())?;
-        let teachers = self.teachers(inputs, simulator.spec())?;
+        let mut arena = Arena::new(site, self.simulator.as_ref());
+        let teachers = self.teachers(inputs, arena.simulator()?.spec())?;
         let mut recordings = Vec::with_capacity(self.span.count);
         for (_, seed) in self.span.seeds(&self.seed) {
             monitor.progress(recordings.len() as u64, self.span.count as u64)?;
-            recordings.push(self.candidate(simulator, &teachers, &seed)?);
+            recordings.push(self.candidate(&mut arena, &teachers, &seed)?);
         }
         Ok(encode(&recordings))
     }
@@ -83,55 +86,67 @@ impl Record {
     /// Samples a random context `C_i = (τ, s0)`, executes `π*_τ` for `T` steps and records `h_i`.
     fn candidate(
         &self,
-        simulator: &mut dyn Simulator,
+        arena: &mut Arena<'_>,
         teachers: &[Box<dyn TeacherPolicy>],
         seed: &Seed,
     ) -> Result<Recording, WorkError> {
-        let failed = |error: SimulatorError| WorkError::Failed(error.to_string());
         let source = TaskSource::Uniformly(self.tasks.clone());
         let (task, teacher) = source.draw(&mut seed.child("task").stream());
         let teacher = teacher.unwrap_or_default();
-        let prices = simulator.spec().prices(&task);
-        let mut agent =
-            Taught { policy: teachers[teacher].as_ref(), sampling: self.acts == TeacherActs::Sample };
+        let prices = arena.simulator()?.spec().prices(&task);
+        let policy = teachers[teacher].as_ref();
         let mut context = Context { task, start: PreparedStart::standard(0) };
-        let mut failures = Vec::new();
+        let (mut failures, mut failed) = (Vec::new(), 0);
         for take in 0..=self.max_retakes {
             let seed = seed.child("take").index(u64::from(take));
-            let start = self.initial_states.draw(simulator, &context.task, &seed.child("start"));
-            context.start = start.map_err(failed)?;
-            let mut tape = Tape::default();
-            let setting = Setting { context: &context, horizon: &self.horizon };
-            let noise = &mut seed.child("noise").stream();
-            let result = watched(simulator, &mut agent, setting, noise, &mut tape);
-            match result.ending {
-                Ending::Horizon => {
-                    return Ok(Recording {
-                        teacher,
-                        retakes: take,
-                        teacher_return: price(&result.term_sums, &prices),
-                        demonstration: Some(Demonstration {
-                            observations: tape.observations,
-                            actions: tape.actions,
-                            steps: self.horizon.steps,
-                        }),
-                    });
-                }
-                Ending::Failed(reason) => failures.push(reason),
-                Ending::Terminated | Ending::Truncated => {}
+            context.start = arena.start(&self.initial_states, &context.task, &seed.child("start"))?;
+            let (result, tape) = self.take(arena, policy, &context, &seed)?;
+            if result.ending == Ending::Horizon {
+                return Ok(Recording {
+                    teacher,
+                    retakes: take,
+                    failures,
+                    teacher_return: price(&result.term_sums, &prices),
+                    demonstration: Some(Demonstration {
+                        observations: tape.observations,
+                        actions: tape.actions,
+                        steps: self.horizon.steps,
+                    }),
+                });
             }
+            failures.extend(result.ending.trouble().map(|why| (take, why.to_owned())));
+            failed += u32::from(matches!(result.ending, Ending::Failed(_)));
         }
         // A teacher of the user's own whose every take fails does not act at all.
         match failures.pop() {
-            Some(reason)
-                if self.teacher.hosted().is_some() && failures.len() == self.max_retakes as usize =>
-            {
-                Err(WorkError::Failed(reason))
+            Some((_, why)) if self.teacher.hosted().is_some() && failed > self.max_retakes => {
+                Err(WorkError::Failed(why))
             }
-            _ => {
-                Ok(Recording { teacher, retakes: self.max_retakes, teacher_return: 0.0, demonstration: None })
+            last => {
+                failures.extend(last);
+                let retakes = self.max_retakes;
+                Ok(Recording { teacher, retakes, failures, teacher_return: 0.0, demonstration: None })
             }
         }
+    }
+
+    /// Executes `π*_τ` once.
+    fn take(
+        &self,
+        arena: &mut Arena<'_>,
+        policy: &dyn TeacherPolicy,
+        context: &Context,
+        seed: &Seed,
+    ) -> Result<(Rollout, Tape), WorkError> {
+        let act = |simulator: &mut dyn Simulator| {
+            let mut agent = Taught { policy, sampling: self.acts == TeacherActs::Sample };
+            let mut tape = Tape::default();
+            let setting = Setting { context, horizon: &self.horizon };
+            let noise = &mut seed.child("noise").stream();
+            let result = watched(simulator, &mut agent, setting, noise, &mut tape);
+            (result, tape)
+        };
+        Ok(arena.attempt(act, |(result, _)| matches!(result.ending, Ending::Failed(_)))?)
     }
 }
 
@@ -158,6 +173,8 @@ pub(super) fn load(
 struct Head {
     teacher: usize,
     retakes: u32,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    failures: Vec<(u32, String)>,
     teacher_return: f64,
     /// Steps, observation numbers, action numbers.
     recorded: Option<[usize; 3]>,
@@ -169,6 +186,7 @@ fn encode(recordings: &[Recording]) -> Vec<u8> {
         .map(|r| Head {
             teacher: r.teacher,
             retakes: r.retakes,
+            failures: r.failures.clone(),
             teacher_return: r.teacher_return,
             recorded: r.demonstration.as_ref().map(|d| [d.steps, d.observations.len(), d.actions.len()]),
         })
@@ -202,8 +220,8 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<Recording>, Malformed> {
                     steps,
                 }),
             };
-            let Head { teacher, retakes, teacher_return, .. } = head;
-            Ok(Recording { teacher, retakes, teacher_return, demonstration })
+            let Head { teacher, retakes, failures, teacher_return, .. } = head;
+            Ok(Recording { teacher, retakes, failures, teacher_return, demonstration })
         })
         .collect()
 }

@@ -95,6 +95,11 @@ fn an_option_that_loses_the_simulator_in_a_tenth_of_contexts_is_not_chosen() {
     assert_eq!(shape, [discovery.candidates.len(), 60]);
     assert_eq!(endings.iter().filter(|code| **code == 3).count(), in_selection.len());
 
+    let takes = discovery.failed_takes.iter().map(|(number, take, _)| (*number, *take as usize));
+    let recordings = listed.iter().filter(|(table, ..)| table == "recordings");
+    assert!(recordings.map(|(_, number, take, _)| (*number, *take)).eq(takes));
+    assert!(!discovery.failed_takes.is_empty());
+
     // The other policies, on what has been measured already.
     let with = |policy: &str| experiment(&format!("{text}\n[failures]\npolicy = \"{policy}\"\n"));
     let (excluding, _) = run_here(&with("exclude_option"), &out, "elo test").unwrap();
@@ -287,6 +292,26 @@ fn teachers_that_diverge_are_reported_and_dropped_or_end_the_run() {
 
     let message = run_here(&some("6"), &out, "elo test").err().unwrap().to_string();
     assert!(message.contains("`discover.min_teachers` asks for 6"), "{message}");
+}
+
+#[test]
+fn recordings_that_fail_are_told_with_their_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let raising = |steps: &str| {
+        experiment(&wayward(&[
+            ("kind = \"wayward\"", "kind = \"wayward\"\nraises_at = 15"),
+            // Teachers never come so far while they are trained.
+            ("max_episode_steps = 100", "max_episode_steps = 10"),
+            ("steps = 20\n", &format!("steps = {steps}\n")),
+        ]))
+    };
+    let out = folder.path().join("run");
+    let message = run_here(&raising("20"), &out, "elo test").err().unwrap().to_string();
+    let expected = "every recording of every teacher ended before 20 steps; 504 of 504 failed, the first one: \
+                    ValueError: step 15";
+    assert_eq!(message, expected);
+    let (discovery, _) = run_here(&raising("14"), &out, "elo test").unwrap();
+    assert_eq!((discovery.candidates.len(), discovery.failed_takes.len()), (24, 0));
 }
 
 #[test]
