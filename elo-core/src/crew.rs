@@ -6,6 +6,7 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use crate::desks::Desks;
 use crate::hosted::WorkerProgram;
 use crate::key::{Key, Stage};
 use crate::policy::{Monitor, PolicyFormat, Stopped};
@@ -154,10 +155,13 @@ impl<'a> Crew<'a> {
         self.tell_quarantined();
         let ready = units.len() - missing.len();
         self.watcher.begin(stage, units.len(), ready);
+        let workers = self.staff.workers.min(missing.len());
         let shift = Shift {
             crew: self,
             stage,
             next: AtomicUsize::new(0),
+            desks: Desks::new((0..workers).map(|_| Site::new(self.staff.formats.clone()))),
+            over: AtomicBool::new(false),
             fractions: Mutex::new(vec![0.0; missing.len()]),
             ready,
             threads: (self.staff.workers / missing.len().max(1)).max(1),
@@ -165,7 +169,8 @@ impl<'a> Crew<'a> {
         };
         let todo: Vec<(&Unit, &Key)> = missing.iter().map(|index| (&units[*index], &keys[*index])).collect();
         std::thread::scope(|scope| {
-            for _ in 0..self.staff.workers.min(todo.len()) {
+            // While one thread commits a result, another goes on at its desk.
+            for _ in 0..(2 * workers).min(todo.len()) {
                 scope.spawn(|| shift.work(&todo));
             }
         });
@@ -212,6 +217,10 @@ struct Shift<'a> {
     crew: &'a Crew<'a>,
     stage: &'a str,
     next: AtomicUsize,
+    /// One for each unit that may be under way.
+    desks: Desks<Site>,
+    /// Some unit cannot be done, so that none is to be begun.
+    over: AtomicBool,
     fractions: Mutex<Vec<f64>>,
     ready: usize,
     /// That each unit may use, where there are fewer of them than workers.
@@ -221,12 +230,12 @@ struct Shift<'a> {
 
 impl Shift<'_> {
     fn work(&self, todo: &[(&Unit, &Key)]) {
-        let mut site = Site::new(self.crew.staff.formats.clone());
         loop {
             let index = self.next.fetch_add(1, Ordering::Relaxed);
             let Some((unit, key)) = todo.get(index) else { return };
-            if let Err(error) = self.do_one(index, unit, key, &mut site) {
+            if let Err(error) = self.do_one(index, unit, key) {
                 self.next.store(todo.len(), Ordering::Relaxed);
+                self.over.store(true, Ordering::SeqCst);
                 let mut trouble = self.trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
                 // An interruption makes every other worker fail too: keep the cause.
                 if !matches!(*trouble, Some(ref kept) if !matches!(kept, RunError::Interrupted)) {
@@ -237,16 +246,13 @@ impl Shift<'_> {
         }
     }
 
-    fn do_one(&self, index: usize, unit: &Unit, key: &Key, site: &mut Site) -> Result<(), RunError> {
+    fn do_one(&self, index: usize, unit: &Unit, key: &Key) -> Result<(), RunError> {
         let inputs = unit.inputs.iter().map(|key| self.crew.result(key)).collect::<Result<Vec<_>, _>>()?;
-        let program = unit.work.worker();
         // An interpreter runs one thread at a time.
-        let threads = if program.is_some_and(|program| program.is_interpreter()) { 1 } else { self.threads };
+        let alone = unit.work.worker().is_some_and(|program| program.is_interpreter());
+        let threads = if alone { 1 } else { self.threads };
         let mut monitor = UnitMonitor { shift: self, index, key, threads, trouble: None };
-        let done = match program {
-            None => unit.work.perform(&inputs, site, &mut monitor),
-            Some(program) => self.send(&program, unit, &inputs, &mut monitor),
-        };
+        let done = self.at_a_desk(unit, &inputs, &mut monitor);
         if let Some(trouble) = monitor.trouble {
             return Err(trouble);
         }
@@ -257,6 +263,25 @@ impl Shift<'_> {
         }
         self.tell(index, 1.0);
         Ok(())
+    }
+
+    fn at_a_desk(
+        &self,
+        unit: &Unit,
+        inputs: &[Vec<u8>],
+        monitor: &mut UnitMonitor<'_>,
+    ) -> Result<Vec<u8>, WorkError> {
+        let mut site = self.desks.sit();
+        if self.over.load(Ordering::SeqCst) {
+            return Err(Stopped.into());
+        }
+        let done = match unit.work.worker() {
+            None => unit.work.perform(inputs, &mut site, monitor),
+            Some(program) => self.send(&program, unit, inputs, monitor),
+        };
+        // Told before the desk is free, where somebody waits.
+        self.over.fetch_or(done.is_err(), Ordering::SeqCst);
+        done
     }
 
     /// Has a worker process do the unit. A worker that dies is replaced and the unit tried again with the same seeds.
