@@ -25,7 +25,9 @@ pub(crate) fn draw_contexts(
     for (index, task) in (0..).zip(tasks) {
         match initial_states.draw(simulator, &task, &seed.index(index)) {
             Ok(start) => contexts.push(Context { task, start }),
-            Err(error @ SimulatorError::Unstable(_)) => last_failure = Some(error),
+            Err(error @ (SimulatorError::Unstable(_) | SimulatorError::Engine(_))) => {
+                last_failure = Some(error)
+            }
             Err(error) => return Err(TrainError::Other(format!("no start can be drawn from d0: {error}"))),
         }
     }

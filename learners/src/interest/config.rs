@@ -313,7 +313,7 @@ mod tests {
         found.sort_unstable();
         found.dedup();
         // All fields but the two that can only be yes or no.
-        let serde_json::Value::Object(all) = serde_json::to_value(&config).unwrap() else {
+        let serde_json::Value::Object(all) = serde_json::to_value(&config).expect("plain data") else {
             panic!("no table")
         };
         let mut all: Vec<&str> = all.keys().map(String::as_str).collect();
