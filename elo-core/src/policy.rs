@@ -323,7 +323,7 @@ pub struct Practice<'a> {
     pub set_size: usize,
     /// How long a rollout of the infant agent lasts, and whether a fall ends it.
     pub horizon: Horizon,
-    /// For learners that begin from recordings: at most `set_size` of them. Recordings that fell are left out.
+    /// For learners that begin from recordings: one at least and at most `set_size` of them, for those that fell are left out.
     pub demonstrations: &'a [Demonstration],
     /// The root of all random streams.
     pub seed: Seed,
