@@ -234,7 +234,6 @@ impl Shift<'_> {
             let index = self.next.fetch_add(1, Ordering::Relaxed);
             let Some((unit, key)) = todo.get(index) else { return };
             if let Err(error) = self.do_one(index, unit, key) {
-                self.next.store(todo.len(), Ordering::Relaxed);
                 self.over.store(true, Ordering::SeqCst);
                 let mut trouble = self.trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
                 // An interruption makes every other worker fail too: keep the cause.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::agent::Agent;
 use crate::context::{Context, continue_past_end};
 use crate::seed::Stream;
-use crate::simulator::{End, Simulator, SimulatorError};
+use crate::simulator::{End, Simulator, SimulatorError, check_finite};
 
 /// How long a rollout lasts and what is summed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -156,9 +156,7 @@ fn run(
         so_far.clamped +=
             u32::from(action.iter().zip(low.iter().zip(&high)).any(|(a, (l, h))| a < l || a > h));
         let end = simulator.step(&action, &mut observation, &mut terms)?;
-        if !(observation.iter().all(|x| x.is_finite()) && terms.iter().all(|x| x.is_finite())) {
-            return Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()));
-        }
+        check_finite(&observation, &terms)?;
         for (sum, term) in so_far.term_sums.iter_mut().zip(&terms) {
             *sum += weight * term;
         }

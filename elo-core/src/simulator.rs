@@ -158,6 +158,18 @@ pub fn check_action(action: &[f32]) -> Result<(), SimulatorError> {
     }
 }
 
+/// Checks that what a simulator gave is numbers.
+///
+/// # Errors
+/// [`SimulatorError::Unstable`] otherwise.
+pub fn check_finite(observation: &[f32], reward_terms: &[f64]) -> Result<(), SimulatorError> {
+    if observation.iter().all(|x| x.is_finite()) && reward_terms.iter().all(|x| x.is_finite()) {
+        Ok(())
+    } else {
+        Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()))
+    }
+}
+
 /// The inert description of a simulator, read from `[simulator]` of a config by its `kind`.
 #[typetag::serde(tag = "kind")]
 pub trait SimulatorConfig: fmt::Debug + Send + Sync {

@@ -107,6 +107,7 @@ class Runs:
     def __init__(self, folder):
         self.folder = Path(folder)
         self.lines, self.reports = {}, {}
+        self.options = self.read_options()
         for robot in ROBOTS:
             for seed in SEEDS:
                 self.read(robot, seed)
@@ -132,7 +133,7 @@ class Runs:
         found = [(seed, self.load(f"{robot}-{seed}-{kind}")) for seed in SEEDS]
         return [(seed, report["pairs"][0]) for seed, report in found if report]
 
-    def options(self):
+    def read_options(self):
         """Rows of specialisation.csv by run."""
         runs = {}
         with (self.folder / "specialisation.csv").open() as file:
@@ -224,7 +225,7 @@ def options(runs):
     rows = []
     for robot, title in ROBOTS.items():
         for seed in SEEDS:
-            found = runs.options().get(f"{robot}-{seed}-interest")
+            found = runs.options.get(f"{robot}-{seed}-interest")
             if found:
                 actions = float(found[0]["actions"])
                 information = float(found[0]["information"])
@@ -249,12 +250,11 @@ def ablations(runs):
 
 def ablation_runs(runs):
     rows = []
-    found = runs.options()
     for kind, title in ABLATIONS.items():
         for robot, name in ROBOTS.items():
             for seed, pair in runs.ablations(kind, robot):
                 row = pair["second"]
-                drawn = found.get(f"{robot}-{seed}-{kind}", [])
+                drawn = runs.options.get(f"{robot}-{seed}-{kind}", [])
                 rows.append(
                     [
                         title,

@@ -76,18 +76,6 @@ impl Tally {
     }
 }
 
-/// What a simulator said is numbers.
-///
-/// # Errors
-/// [`SimulatorError::Unstable`] otherwise.
-pub(crate) fn check_finite(observation: &[f32], terms: &[f64]) -> Result<(), SimulatorError> {
-    if observation.iter().all(|x| x.is_finite()) && terms.iter().all(|x| x.is_finite()) {
-        Ok(())
-    } else {
-        Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]

@@ -1,7 +1,7 @@
 //! An environment in Python as a simulator. Python's lock is held during its calls alone.
 
 use elo_core::simulator::{
-    BuildError, End, Simulator, SimulatorError, Start, State, check_action, check_length,
+    BuildError, End, Simulator, SimulatorError, Start, State, check_action, check_finite, check_length,
 };
 use elo_core::spec::SimulatorSpec;
 use elo_core::task::Task;
@@ -81,16 +81,8 @@ impl PythonSimulator {
             self.observation.read(py, observation)
         });
         done.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))?;
-        trusted(observation, &[])
+        check_finite(observation, &[])
     }
-}
-
-/// Refuses what an environment gave where it is not finite.
-fn trusted(observation: &[f32], reward_terms: &[f64]) -> Result<(), SimulatorError> {
-    if observation.iter().all(|x| x.is_finite()) && reward_terms.iter().all(|x| x.is_finite()) {
-        return Ok(());
-    }
-    Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()))
 }
 
 impl Simulator for PythonSimulator {
@@ -153,7 +145,7 @@ impl Simulator for PythonSimulator {
             1 => End::Terminated,
             _ => End::Truncated,
         };
-        trusted(observation, reward_terms)?;
+        check_finite(observation, reward_terms)?;
         self.running = end == End::Running;
         Ok(end)
     }

@@ -11,9 +11,8 @@ use crate::context::Context;
 use crate::policy::{
     Demonstration, Monitor, OptionLearner, OptionPolicy, PolicyRecord, TeacherPolicy, Tutor, Way,
 };
-use crate::rollout::{Ending, Rollout, Setting, Tape, watched};
+use crate::rollout::{Setting, Tape, watched};
 use crate::seed::Seed;
-use crate::simulator::Simulator;
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
 
@@ -86,7 +85,7 @@ impl Tutor for Lesson<'_, '_> {
         let Record { initial_states, horizon, .. } = self.recording;
         let start = self.arena.start(initial_states, self.task, &seed.child("start"));
         let context = Context { task: self.task.clone(), start: start.map_err(|error| error.to_string())? };
-        let act = |simulator: &mut dyn Simulator| {
+        let tried = self.arena.roll_out(|simulator| {
             let options = [option];
             let mut agent = InfantAgent::new(&options, spec);
             let mut tape = Tape::default();
@@ -94,9 +93,8 @@ impl Tutor for Lesson<'_, '_> {
             let noise = &mut seed.child("noise").stream();
             let rollout = watched(simulator, &mut agent, setting, noise, &mut tape);
             (rollout, tape)
-        };
-        let failed = |(rollout, _): &(Rollout, Tape)| matches!(rollout.ending, Ending::Failed(_));
-        let (_, tape) = self.arena.attempt(act, failed).map_err(|error| error.to_string())?;
+        });
+        let (_, tape) = tried.map_err(|error| error.to_string())?;
         let observations = tape.observations;
         let steps = observations.len() / spec.observation_size;
         let mut actions = vec![0.0; steps * spec.action_size()];

@@ -2,6 +2,7 @@
 
 use super::{Site, WorkError, name};
 use crate::context::{InitialStates, PreparedStart};
+use crate::rollout::{Ending, Rollout};
 use crate::seed::Seed;
 use crate::simulator::{BuildError, Simulator, SimulatorConfig, SimulatorError};
 use crate::task::Task;
@@ -27,7 +28,7 @@ impl<'a> Arena<'a> {
 
     /// Does `act`. Where it `failed` for a reason that may be gone the next time, in code of users, the environment is made
     /// anew and it is done again. Engines of our own repeat their failures.
-    pub(super) fn attempt<T>(
+    fn attempt<T>(
         &mut self,
         mut act: impl FnMut(&mut dyn Simulator) -> T,
         failed: impl Fn(&T) -> bool,
@@ -45,6 +46,14 @@ impl<'a> Arena<'a> {
                 return Ok(done);
             }
         }
+    }
+
+    /// Plays a rollout, with what a witness saw of it.
+    pub(super) fn roll_out<W>(
+        &mut self,
+        play: impl FnMut(&mut dyn Simulator) -> (Rollout, W),
+    ) -> Result<(Rollout, W), BuildError> {
+        self.attempt(play, |(rollout, _)| matches!(rollout.ending, Ending::Failed(_)))
     }
 
     /// Draws a start under `task`.

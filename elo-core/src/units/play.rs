@@ -7,9 +7,9 @@ use super::evaluate::Subject;
 use super::{Site, WorkError};
 use crate::context::Context;
 use crate::policy::Monitor;
-use crate::rollout::{Ending, Horizon, Rollout, Setting, Witness, watched};
+use crate::rollout::{Horizon, Rollout, Setting, Witness, watched};
 use crate::seed::Seed;
-use crate::simulator::{Simulator, SimulatorConfig};
+use crate::simulator::SimulatorConfig;
 
 /// Who plays where, and for how long.
 #[derive(Debug, Serialize, Deserialize)]
@@ -44,16 +44,14 @@ impl Play {
             let seed = self.seed.child(&subject.name);
             for (j, context) in contexts.iter().enumerate() {
                 monitor.progress(played.len() as u64, total)?;
-                let act = |simulator: &mut dyn Simulator| {
+                played.push(arena.roll_out(|simulator| {
                     let (mut noise, mut witness) = (seed.index(j as u64).stream(), W::default());
                     let setting = Setting { context, horizon: &self.horizon };
                     let rollout = cast.play(&spec, |agent| {
                         watched(&mut *simulator, agent, setting, &mut noise, &mut witness)
                     });
                     (rollout, witness)
-                };
-                let failed = |(rollout, _): &(Rollout, W)| matches!(rollout.ending, Ending::Failed(_));
-                played.push(arena.attempt(act, failed)?);
+                })?);
             }
         }
         Ok(played)

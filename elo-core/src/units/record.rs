@@ -13,7 +13,7 @@ use crate::experiment::TeacherActs;
 use crate::policy::{Demonstration, Monitor, TeacherConfig, TeacherPolicy};
 use crate::rollout::{Ending, Horizon, Rollout, Setting, Tape, price, watched};
 use crate::seed::Seed;
-use crate::simulator::{Simulator, SimulatorConfig};
+use crate::simulator::SimulatorConfig;
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
 
@@ -138,15 +138,15 @@ impl Record {
         context: &Context,
         seed: &Seed,
     ) -> Result<(Rollout, Tape), WorkError> {
-        let act = |simulator: &mut dyn Simulator| {
+        let taken = arena.roll_out(|simulator| {
             let mut agent = Taught { policy, sampling: self.acts == TeacherActs::Sample };
             let mut tape = Tape::default();
             let setting = Setting { context, horizon: &self.horizon };
             let noise = &mut seed.child("noise").stream();
             let result = watched(simulator, &mut agent, setting, noise, &mut tape);
             (result, tape)
-        };
-        Ok(arena.attempt(act, |(result, _)| matches!(result.ending, Ending::Failed(_)))?)
+        })?;
+        Ok(taken)
     }
 }
 

@@ -149,10 +149,11 @@ pub(super) fn usage(
     experience: &Experience,
     learner: &mut Learner,
 ) -> Option<Vec<f64>> {
-    let rows = (0..experience.steps.len()).filter(|&row| experience.steps[row].drawn).collect::<Vec<_>>();
-    let asked = config.diversity_weight > 0.0 && !rows.is_empty();
-    let options = learner.options();
-    asked.then(|| drawing::usage(&log_interests(&mut learner.interests, experience, &rows), options))
+    if config.diversity_weight <= 0.0 {
+        return None;
+    }
+    let (rows, options) = (experience.drawn().collect::<Vec<_>>(), learner.options());
+    Some(drawing::usage(&log_interests(&mut learner.interests, experience, &rows), options))
 }
 
 /// What the interests say of the states of `rows`, one row of `K` numbers each.

@@ -4,12 +4,11 @@ use elo_core::agent::pick;
 use elo_core::context::{Context, continue_past_end};
 use elo_core::rollout::{Horizon, price};
 use elo_core::seed::Stream;
-use elo_core::simulator::{End, Simulator, SimulatorError};
+use elo_core::simulator::{End, Simulator, SimulatorError, check_finite};
 use rand::RngExt as _;
 
 use super::drawing;
 use super::learner::Learner;
-use crate::acting::check_finite;
 use crate::kernels::running_moments::{Normalizer, RunningMoments};
 use crate::nn::{DiagonalGaussian, Scratch};
 
@@ -204,6 +203,11 @@ impl Experience {
     /// How many rollouts.
     pub fn rollouts(&self) -> f64 {
         self.ends.len() as f64
+    }
+
+    /// The rows where an option was drawn.
+    pub fn drawn(&self) -> impl Iterator<Item = usize> {
+        (0..self.steps.len()).filter(|&row| self.steps[row].drawn)
     }
 
     /// Adds the steps of another rollout behind these.

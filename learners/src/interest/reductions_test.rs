@@ -108,11 +108,12 @@ fn interests_held_at_1_draw_like_a_uniform_agent() {
     for set_size in [2, 5] {
         collected(set_size, |_, experience| {
             let uniform = -(set_size as f32).ln();
-            let drawn = || (0..experience.steps.len()).filter(|&row| experience.steps[row].drawn);
-            assert!(drawn().all(|row| experience.draw_log_probs[row] == uniform));
+            assert!(experience.drawn().all(|row| experience.draw_log_probs[row] == uniform));
             for option in 0..set_size {
-                let count = drawn().count() as f64;
-                let share = drawn().filter(|&row| experience.options[row] == option).count() as f64 / count;
+                let count = experience.drawn().count() as f64;
+                let share = experience.drawn().filter(|&row| experience.options[row] == option).count()
+                    as f64
+                    / count;
                 let expected = 1.0 / set_size as f64;
                 let error = (expected * (1.0 - expected) / count).sqrt();
                 assert!((share - expected).abs() < 4.0 * error, "option {option}: {share} of {count}");

@@ -393,11 +393,10 @@ impl<'a> Signals<'a> {
         let Estimates { advantages, targets, .. } = estimates;
         let mut actions: Vec<f32> = advantages.iter().map(|a| a.action as f32).collect();
         normalize(&mut actions);
-        let drawn = || (0..advantages.len()).filter(|&row| experience.steps[row].drawn);
-        let mut scaled: Vec<f32> = drawn().map(|row| advantages[row].draw as f32).collect();
+        let mut scaled: Vec<f32> = experience.drawn().map(|row| advantages[row].draw as f32).collect();
         normalize(&mut scaled);
         let mut draws = vec![0.0; advantages.len()];
-        drawn().zip(scaled).for_each(|(row, advantage)| draws[row] = advantage);
+        experience.drawn().zip(scaled).for_each(|(row, advantage)| draws[row] = advantage);
         Self { actions, draws, targets }
     }
 }

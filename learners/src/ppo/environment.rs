@@ -4,12 +4,12 @@ use elo_core::context::PreparedStart;
 use elo_core::policy::TrainError;
 use elo_core::rollout::price;
 use elo_core::seed::Seed;
-use elo_core::simulator::{End, Simulator, Start, State};
+use elo_core::simulator::{End, Simulator, Start, State, check_finite};
 use elo_core::task::Task;
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
 
-use crate::acting::{Tally, check_finite};
+use crate::acting::Tally;
 
 /// What all environments of a training have in common.
 #[derive(Clone, Debug)]
