@@ -6,6 +6,7 @@ use elo_core::crew::{Crew, RunError};
 use elo_core::discover::Run;
 use elo_core::experiment::Experiment;
 use elo_core::plugin::Plugin;
+use elo_core::results;
 use toml::{Table, Value};
 
 use crate::exit::Exit;
@@ -21,7 +22,7 @@ pub fn others(
     plugins: &[&[Plugin]],
 ) -> Result<Vec<Experiment>, Exit> {
     let own = experiment.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
-    let config = folder.join("experiment.toml");
+    let config = folder.join(results::CONFIG);
     let twice = simulators.iter().enumerate().find(|(i, given)| simulators[..*i].contains(given));
     if let Some((_, given)) = twice {
         return Err(Exit::BadInput(format!("--simulator {given}: is given twice")));

@@ -1,13 +1,14 @@
 //! Reading an experiment: file, overrides, files that it refers to, and every fault at once.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use elo_core::config::{self, ConfigError};
 use elo_core::experiment::Experiment;
 use elo_core::fault::Faults;
 use elo_core::plugin::Plugin;
 use elo_core::policy::Unwatched;
+use elo_core::results;
 use elo_core::units::Work;
 use elo_core::workforce::{Job, Undone, Workforce};
 
@@ -25,21 +26,32 @@ pub fn experiment(path: &Path, overrides: &[String], plugins: &[&[Plugin]]) -> R
     checked((&text, path), folder, overrides, plugins).map_err(|error| Exit::BadInput(error.to_string()))
 }
 
-/// Reads the experiment of a run directory that `elo discover` finished.
+/// Reads the experiment that the results of a run directory are of.
 pub fn of_run(folder: &Path, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
-    let config = folder.join("experiment.toml");
+    experiment(&config_of_run(folder)?, &[], plugins)
+}
+
+/// The config that the results of a run directory are of. Says so where work on another has been begun there since.
+pub fn config_of_run(folder: &Path) -> Result<PathBuf, Exit> {
+    let [begun, finished] = ["experiment.toml", results::CONFIG].map(|name| folder.join(name));
     let missing = |what: &str| Err(Exit::BadInput(format!("{}: {what}", folder.display())));
-    if !config.is_file() {
+    if !begun.is_file() {
         return missing(
             "is no run directory: it has no experiment.toml; `elo discover CONFIG --out DIRECTORY` makes one",
         );
     }
-    if !folder.join("results/report.json").is_file() {
+    if !finished.is_file() {
         return missing(
             "this run is not finished: take it up with `elo discover DIRECTORY/experiment.toml --out DIRECTORY`",
         );
     }
-    experiment(&config, &[], plugins)
+    if read_text(&begun)? != read_text(&finished)? {
+        print_error(&format!(
+            "{}: another config was begun here since and is not finished; this is about the results that are there",
+            folder.display()
+        ));
+    }
+    Ok(finished)
 }
 
 /// Checks the experiment that the file `name` holds in another form, which is `text` in TOML.

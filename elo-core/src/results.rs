@@ -3,7 +3,8 @@
 //! | file in `results/` | shape | what |
 //! | --- | --- | --- |
 //! | `report.json` | | [`crate::report::Report`] |
-//! | `experiment.toml` (beside `results/`) | | the whole resolved config; running it gives the same bytes |
+//! | `experiment.toml` | | the whole resolved config that all of this is of; running it gives the same bytes |
+//! | `provenance.json` | | the program, engine, compiler and class of processor that made it |
 //! | `option_sets/<metric>/` | | [`crate::option_set::OptionSet`], one folder a metric |
 //! | `candidates.csv` | N rows | number, teacher, retakes, teacher_return, then one score column a metric; sets that were learned by practice have no teacher |
 //! | `practice.csv` | | of each such set: what the infant agent earned on the way |
@@ -22,25 +23,40 @@ use std::fmt::Write as _;
 
 use npyz::WriterBuilder as _;
 
+use crate::config;
 use crate::crew::RunError;
 use crate::discover::{Candidate, ContextSet, Discovery, Origin, Run};
 use crate::option_set::{Manifest, OPTION_SET_FORMAT, OptionEntry, OptionSet};
 use crate::policy::CurvePoint;
 use crate::report::HeldOut;
 use crate::rollout::{Ending, Rollout};
+use crate::run_dir::{RunDir, RunDirError};
 use crate::units::evaluate::ending_code;
 
-/// Writes everything below `results/` of the run directory. The same run gives the same bytes.
+/// The config that the results of a run directory are of. They are finished when it is there, because it is written last;
+/// the `experiment.toml` beside `results/` is that of the work begun last, which may be another.
+pub const CONFIG: &str = "results/experiment.toml";
+
+/// What made them.
+pub const PROVENANCE: &str = "results/provenance.json";
+
+/// What is there or not by what was measured, and so would outlast results that take the place of others.
+const OPTIONAL: [&str; 5] =
+    ["option_sets", "practice.csv", "experiments.json", "experiments", "crosscheck.json"];
+
+/// Writes everything below `results/` of the run directory. The same run gives the same bytes. `provenance` is JSON.
 ///
 /// # Errors
 /// See [`RunError`].
-pub fn write(run: &Run<'_>, discovery: &Discovery, held_out: &HeldOut) -> Result<(), RunError> {
+pub fn write(
+    run: &Run<'_>,
+    discovery: &Discovery,
+    held_out: &HeldOut,
+    provenance: &str,
+) -> Result<(), RunError> {
     let put = |name: &str, bytes: &[u8]| run.crew.run_dir.write_file(&format!("results/{name}"), bytes);
-
-    // Sets of another config that wrote here would stand beside this one's.
-    let folders: Vec<String> =
-        discovery.selection.choices.iter().map(|choice| folder_name(&choice.metric)).collect();
-    run.crew.run_dir.keep_only("results/option_sets", &folders)?;
+    let config = config::show(run.experiment).map_err(|error| RunError::Config(error.to_string()))?;
+    make_way(run.crew.run_dir, &config, provenance)?;
     for (index, choice) in discovery.selection.choices.iter().enumerate() {
         for (name, bytes) in option_set(run, discovery, index)?.files() {
             put(&format!("option_sets/{}/{name}", folder_name(&choice.metric)), &bytes)?;
@@ -70,8 +86,19 @@ pub fn write(run: &Run<'_>, discovery: &Discovery, held_out: &HeldOut) -> Result
     put("report_options.csv", option_rows_csv(discovery, held_out).as_bytes())?;
     put("report_baselines.csv", baseline_rows_csv(held_out).as_bytes())?;
     put("failures.csv", failures.as_bytes())?;
-    // Last, so that a report is only there when everything that it speaks of is.
-    Ok(run.crew.run_dir.write_json("results/report.json", &held_out.report)?)
+    run.crew.run_dir.write_json("results/report.json", &held_out.report)?;
+    run.crew.run_dir.write_file(PROVENANCE, provenance.as_bytes())?;
+    Ok(run.crew.run_dir.write_file(CONFIG, config.as_bytes())?)
+}
+
+/// Takes away what was found by another config or another program: nothing of it may stand beside the new results.
+fn make_way(run_dir: &RunDir, config: &str, provenance: &str) -> Result<(), RunDirError> {
+    let holds = |name: &str, text: &str| Ok(run_dir.read_file(name)?.is_some_and(|b| b == text.as_bytes()));
+    if holds(CONFIG, config)? && holds(PROVENANCE, provenance)? {
+        return Ok(());
+    }
+    run_dir.remove(CONFIG)?;
+    OPTIONAL.iter().try_for_each(|name| run_dir.remove(&format!("results/{name}")))
 }
 
 /// A metric's label as the name of a folder: letters, digits, `.`, `-` and `_` stay, other runs become one `_`.

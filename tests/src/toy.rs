@@ -124,6 +124,6 @@ pub fn run_here(
     let discovery = discover(experiment, &crew)?;
     let run = Run::new(experiment, &crew)?;
     let held_out = report(&run, &discovery)?;
-    results::write(&run, &discovery, &held_out)?;
+    results::write(&run, &discovery, &held_out, "{}")?;
     Ok((discovery, held_out.report))
 }

@@ -7,12 +7,12 @@ use std::fs;
 use std::path::Path;
 use std::sync::OnceLock;
 
-use elo_tests::folders::names;
+use elo_tests::folders::{copy, names};
 use elo_tests::programs::{Ran, discover, elo, run, write};
 use elo_tests::toy::TOY;
 
-/// A folder with a finished run in `run`, an unfinished one in `begun`, one of a later program in `later` and one with a
-/// damaged report in `damaged`.
+/// A folder with a finished run in `run`, one that another config was begun in since in `other`, an unfinished one in `begun`,
+/// one of a later program in `later` and one with a damaged report in `damaged`.
 fn place() -> &'static Path {
     static PLACE: OnceLock<tempfile::TempDir> = OnceLock::new();
     PLACE
@@ -22,11 +22,16 @@ fn place() -> &'static Path {
             let config = write(folder.path(), "toy.toml", TOY);
             run(&mut discover(elo(), &config, &at("run"))).expect_success();
             fs::create_dir(at("begun")).unwrap();
+            fs::copy(&config, at("begun/experiment.toml")).unwrap();
+            copy(&at("run"), &at("other"));
+            let begun =
+                fs::read_to_string(at("other/experiment.toml")).unwrap().replacen("seed = 7", "seed = 8", 1);
+            fs::write(at("other/experiment.toml"), begun).unwrap();
             let report = fs::read_to_string(at("run/results/report.json")).unwrap();
             for (name, text) in
                 [("later", report.replacen("\"format\": 1", "\"format\": 2", 1)), ("damaged", "{".to_owned())]
             {
-                fs::create_dir_all(at(name).join("results")).unwrap();
+                copy(&at("run"), &at(name));
                 fs::write(at(name).join("results/report.json"), text).unwrap();
             }
             folder
@@ -45,7 +50,8 @@ fn bad_input_is_told_and_nothing_is_written() {
         (&["none"], "elo: none: there is no such run directory\n"),
         (
             &["begun"],
-            "elo: begun: it has no results/report.json; `elo discover` writes it when the run is finished\n",
+            "elo: begun: this run is not finished: take it up with `elo discover DIRECTORY/experiment.toml --out \
+             DIRECTORY`\n",
         ),
         (&["later"], "elo: later/results/report.json: it has format 2, and this program reads format 1\n"),
         (&["damaged"], "elo: damaged/results/report.json: EOF while parsing an object at line 1 column 1\n"),
@@ -93,15 +99,33 @@ fn a_finished_run_becomes_a_page_with_its_plots_beside_it() {
 }
 
 #[test]
+fn a_page_is_about_the_results_whatever_was_begun_since() {
+    let out = tempfile::tempdir().unwrap();
+    let page = out.path().join("page.html");
+    let ran = report(&["other", "--out", page.to_str().unwrap()]).expect_success();
+    let told = "other: another config was begun here since and is not finished; this is about the results that are there";
+    assert_eq!(ran.stderr.matches(told).count(), 1, "{ran}");
+    let (stages, todo) =
+        ran.stderr.lines().filter_map(|line| line.split_once(" units")).fold((0, 0), |n, stage| {
+            let (name, done) = stage;
+            let count = name.rsplit(' ').next().unwrap();
+            (n.0 + 1, n.1 + usize::from(done != format!(", {count} done before")))
+        });
+    assert!(stages > 3 && todo == 1, "nothing is done but the films: {ran}");
+    let html = fs::read_to_string(&page).unwrap();
+    assert!(html.contains("seed = 7\n") && !html.contains("seed = 8\n"), "the config of the results");
+}
+
+#[test]
 fn a_run_of_another_program_has_no_replay_and_is_not_done_again() {
     let folder = tempfile::tempdir().unwrap();
     let (out, page) = (folder.path().join("run"), folder.path().join("page.html"));
     let config = place().join("toy.toml");
     run(&mut discover(elo(), &config, &out)).expect_success();
-    let provenance = fs::read_to_string(out.join("provenance.json")).unwrap();
+    let provenance = fs::read_to_string(out.join("results/provenance.json")).unwrap();
     let mut value: serde_json::Value = serde_json::from_str(&provenance).unwrap();
     value["program"] = "elo 0.0.1".into();
-    fs::write(out.join("provenance.json"), value.to_string()).unwrap();
+    fs::write(out.join("results/provenance.json"), value.to_string()).unwrap();
     let before = names(&out);
     let ran = report(&[out.to_str().unwrap(), "--out", page.to_str().unwrap()]).expect_success();
     assert!(ran.stderr.contains("no replay, because elo 0.0.1 made it"), "{ran}");

@@ -152,6 +152,25 @@ fn changed(config: &str, overrides: &[&str]) -> (tempfile::TempDir, PathBuf) {
 }
 
 #[test]
+fn results_of_another_config_take_the_place_of_all_that_was_there() {
+    let reference = Reference::get();
+    let (_folder, out) = reference.copy();
+    let [found, kept] = ["results/experiments.json", "results/notes.txt"].map(|name| out.join(name));
+    let rerun = |seed: &str| {
+        std::fs::write(&found, "{}").unwrap();
+        run(discover(elo(), &reference.config, &out).args(["--set", seed])).expect_success();
+    };
+    std::fs::write(&kept, "mine").unwrap();
+    rerun("seed=7");
+    assert!(found.is_file(), "what was found about the same results stays");
+    rerun("seed=8");
+    assert!(!found.exists(), "what was found about results that are gone");
+    assert_eq!(std::fs::read_to_string(kept).unwrap(), "mine");
+    let [begun, finished] = ["experiment.toml", "results/experiment.toml"].map(|name| out.join(name));
+    assert_eq!(std::fs::read(begun).unwrap(), std::fs::read(finished).unwrap());
+}
+
+#[test]
 fn another_metric_trains_and_measures_nothing_again() {
     let text = format!("{TOY}\n[[metrics]]\nkind = \"positive_skew\"\nk = 0.4\n");
     let (_folder, out) = changed(&text, &[]);

@@ -45,10 +45,9 @@ pub fn run_in(run: &Run<'_>) -> Result<(Discovery, HeldOut), Exit> {
     let Run { experiment, crew, .. } = *run;
     let resolved = config::show(experiment).map_err(|error| Exit::Failed(error.to_string()))?;
     crew.run_dir.write_file("experiment.toml", resolved.as_bytes())?;
-    crew.run_dir.write_file("provenance.json", provenance(experiment).as_bytes())?;
     let discovery = discover(experiment, crew)?;
     let held_out = report(run, &discovery)?;
-    results::write(run, &discovery, &held_out)?;
+    results::write(run, &discovery, &held_out, &provenance(experiment))?;
     Ok((discovery, held_out))
 }
 

@@ -7,6 +7,7 @@ use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
 use elo_core::plugin::Plugin;
 use elo_core::replay::{Replay, replays};
+use elo_core::results;
 
 use crate::arguments::Report;
 use crate::engines::{others, with_runs};
@@ -20,7 +21,7 @@ pub fn films(arguments: &Report, folder: &Path, plugins: &[&[Plugin]]) -> Result
     if arguments.replays == 0 {
         return Ok(Vec::new());
     }
-    let experiment = load::of_run(folder, plugins)?;
+    let experiment = load::experiment(&folder.join(results::CONFIG), &[], plugins)?;
     let simulators: Vec<String> = arguments.simulator.iter().cloned().collect();
     let others = others(folder, &experiment, &simulators, plugins)?;
     if let Some(why) = unfilmable(&experiment, folder) {
@@ -37,7 +38,7 @@ pub fn films(arguments: &Report, folder: &Path, plugins: &[&[Plugin]]) -> Result
 
 /// Why a run's rollouts cannot be filmed.
 fn unfilmable(experiment: &Experiment, folder: &Path) -> Option<String> {
-    let provenance = std::fs::read_to_string(folder.join("provenance.json")).unwrap_or_default();
+    let provenance = std::fs::read_to_string(folder.join(results::PROVENANCE)).unwrap_or_default();
     let made_by = serde_json::from_str::<serde_json::Value>(&provenance).unwrap_or_default();
     let program = made_by["program"].as_str().unwrap_or("an unknown program").to_owned();
     if program != fingerprint() {

@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 use elo_core::experiments::EXPERIMENTS_FORMAT;
 use elo_core::plugin::Plugin;
 use elo_core::report::{REPORT_FORMAT, Report};
+use elo_core::results::PROVENANCE;
 use serde::de::DeserializeOwned;
 
 use crate::arguments;
 use crate::commands::films::films;
 use crate::exit::Exit;
-use crate::load::read_text;
+use crate::load::{config_of_run, read_text};
 use crate::output::print;
 use crate::page::{CandidateRow, FailureRow, Page, PageData, RunData, render};
 
@@ -73,15 +74,11 @@ fn read(folder: &Path) -> Result<RunData, Exit> {
     if !folder.is_dir() {
         return Err(Exit::BadInput(format!("{shown}: there is no such run directory")));
     }
+    let path = config_of_run(folder)?;
+    let config = read_text(&path)?;
     let results = folder.join("results");
-    if !results.join("report.json").is_file() {
-        let remedy = "`elo discover` writes it when the run is finished";
-        return Err(Exit::BadInput(format!("{shown}: it has no results/report.json; {remedy}")));
-    }
     let report: Report = json(&results.join("report.json"), Some(REPORT_FORMAT))?;
-    let config = read_text(&folder.join("experiment.toml"))?;
-    let plan = toml::from_str(&config)
-        .map_err(|error| bad(&folder.join("experiment.toml"), &error.message().to_owned()))?;
+    let plan = toml::from_str(&config).map_err(|error| bad(&path, &error.message().to_owned()))?;
     let name = fs::canonicalize(folder)
         .ok()
         .and_then(|path| path.file_name().map(|n| n.to_string_lossy().into_owned()));
@@ -90,7 +87,7 @@ fn read(folder: &Path) -> Result<RunData, Exit> {
         folder: shown.to_string(),
         plan,
         config,
-        provenance: json(&folder.join("provenance.json"), None)?,
+        provenance: json(&folder.join(PROVENANCE), None)?,
         candidates: candidates(&results.join("candidates.csv"), report.sets.len())?,
         failures: failures(&results.join("failures.csv"))?,
         experiments: optional(&results.join("experiments.json"), Some(EXPERIMENTS_FORMAT))?,

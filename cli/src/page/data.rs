@@ -24,9 +24,9 @@ pub struct RunData {
     pub report: Report,
     /// What of the config the page speaks of.
     pub plan: Plan,
-    /// `experiment.toml`.
+    /// `results/experiment.toml`.
     pub config: String,
-    /// `provenance.json`.
+    /// `results/provenance.json`.
     pub provenance: serde_json::Value,
     /// `results/candidates.csv`.
     pub candidates: Vec<CandidateRow>,

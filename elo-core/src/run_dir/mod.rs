@@ -25,9 +25,9 @@ mod torn_disk;
 #[cfg(test)]
 mod workload;
 
-use std::io;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::{fs, io};
 
 pub use error::RunDirError;
 pub use file_system::{FileSystem, NewFile, OsDisk};
@@ -182,27 +182,18 @@ impl RunDir {
         self.write_file(name, &json)
     }
 
-    /// Removes from a result folder whatever is not called by one of `names`. A folder that is not there holds nothing.
+    /// Removes a result file, or a folder with all that is in it. What is not there is removed already.
     ///
     /// # Errors
     /// [`RunDirError::Name`] as [`Self::write_file`], [`RunDirError::Write`].
-    pub fn keep_only(&self, folder: &str, names: &[String]) -> Result<(), RunDirError> {
-        let path = self.result_path(folder)?;
-        let failed = |source| RunDirError::Write { path: path.clone(), bytes_needed: 0, source };
-        let entries = match std::fs::read_dir(&path) {
+    pub fn remove(&self, name: &str) -> Result<(), RunDirError> {
+        let path = self.result_path(name)?;
+        let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        match removed {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-            entries => entries.map_err(failed)?,
-        };
-        for entry in entries {
-            let entry = entry.map_err(failed)?;
-            if names.iter().any(|name| entry.file_name() == name.as_str()) {
-                continue;
-            }
-            let is_folder = entry.file_type().map_err(failed)?.is_dir();
-            let remove = if is_folder { std::fs::remove_dir_all } else { std::fs::remove_file };
-            remove(entry.path()).map_err(failed)?;
+            removed => removed.and_then(|()| self.store.disk().sync_dir(path.parent().unwrap_or(&self.root))),
         }
-        Ok(())
+        .map_err(|source| RunDirError::Write { path, bytes_needed: 0, source })
     }
 
     /// Makes the directories between the root and a result file, so that they last.

@@ -100,7 +100,7 @@ fn finish_run(folder: &Path, learner: &str) -> Result<(), Failure> {
     let experiment = elo_cli::load::experiment(&config, &[], &PLUGINS)?;
     with_crew(&experiment, folder, &Unwatched, |crew| {
         let (run, discovery) = (Run::new(&experiment, crew)?, discover(&experiment, crew)?);
-        Ok(results::write(&run, &discovery, &report(&run, &discovery)?)?)
+        Ok(results::write(&run, &discovery, &report(&run, &discovery)?, "{}")?)
     })
 }
 
