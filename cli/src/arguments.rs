@@ -54,7 +54,14 @@ pub enum Command {
     /// Write finished runs as one page: figures, plots and a replay in three dimensions. It opens without a network.
     Report(Report),
     /// Tell which engines were found, and what to run for those that are missing.
-    Doctor,
+    Doctor(Doctor),
+}
+
+/// Arguments of `elo doctor`.
+#[derive(Debug, Args)]
+pub struct Doctor {
+    /// A config whose `[workers]` names the interpreter to look in [default: python3 of the search path]
+    pub config: Option<PathBuf>,
 }
 
 /// Arguments of `elo discover`.

@@ -5,7 +5,8 @@ use std::path::Path;
 use elo_core::crew::{Crew, RunError};
 use elo_core::discover::Run;
 use elo_core::experiment::Experiment;
-use elo_core::plugin::Plugin;
+use elo_core::fault::nearest;
+use elo_core::plugin::{Plugin, Role};
 use elo_core::results;
 use toml::{Table, Value};
 
@@ -55,6 +56,20 @@ pub fn with_runs<T>(
 fn on_simulator(config: &Path, simulator: &str, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
     let path = Path::new(simulator);
     if path.extension().is_none() {
+        let kinds: Vec<&str> = plugins
+            .iter()
+            .flat_map(|slice| slice.iter())
+            .filter(|plugin| plugin.role == Role::Simulator)
+            .map(|plugin| plugin.kind)
+            .collect();
+        if !kinds.contains(&simulator) {
+            let hint = nearest(simulator, kinds.iter().copied())
+                .map_or(String::new(), |k| format!("; did you mean `{k}`?"));
+            return Err(Exit::BadInput(format!(
+                "--simulator {simulator}: expected a kind of simulator ({}) or a TOML file{hint}",
+                kinds.join(", ")
+            )));
+        }
         return load::experiment(config, &[format!("simulator.kind={simulator}")], plugins);
     }
     let cannot = |why: String| Exit::BadInput(format!("--simulator {simulator}: {why}"));

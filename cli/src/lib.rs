@@ -54,7 +54,7 @@ pub fn main_with(plugins: &[&[Plugin]]) -> ExitCode {
         Command::Plugins => commands::plugins::run(plugins),
         Command::Example { kind } => commands::example::run(&kind, plugins),
         Command::Config { action } => commands::config::run(&action, plugins),
-        Command::Doctor => commands::doctor::run(plugins),
+        Command::Doctor(arguments) => commands::doctor::run(&arguments, plugins),
     };
     Exit::code(done)
 }

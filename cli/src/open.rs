@@ -3,14 +3,20 @@
 use std::path::Path;
 
 use elo_core::crew::{Crew, Staff};
+use elo_core::discover::duplicate;
 use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
 use elo_core::plugin::Plugin;
+use elo_core::policy::Unwatched;
 use elo_core::run_dir::RunDir;
+use elo_core::units::Work;
+use elo_core::units::rehearse::{Rehearse, Rehearsed};
+use elo_core::workforce::{Job, Workforce};
 
 use crate::exit::Exit;
 use crate::hosts::Programs;
 use crate::interrupt;
+use crate::output::print_error;
 use crate::progress::Progress;
 use crate::worker::formats;
 
@@ -38,10 +44,39 @@ pub fn staff(workers: Option<usize>, plugins: &[&[Plugin]]) -> Result<Staff, Exi
     Ok(Staff { workers, formats: formats(plugins), program: fingerprint() })
 }
 
-/// Refuses to begin what a missing engine would stop later.
+/// Refuses to begin what a missing engine, or a fault in a user's environment, would stop later.
 pub fn ready_to_run(experiment: &Experiment) -> Result<(), Exit> {
     match experiment.simulator.hosted() {
-        Some(hosted) => Programs::of(experiment).find(&hosted.worker()).map(|_| ()).map_err(Exit::BadInput),
-        None => experiment.simulator.build().map(|_| ()).map_err(|error| Exit::BadInput(error.to_string())),
+        Some(hosted) => Programs::of(experiment).find(&hosted.worker()).map(drop).map_err(Exit::BadInput)?,
+        None => experiment.simulator.build().map(drop).map_err(|error| Exit::BadInput(error.to_string()))?,
     }
+    rehearse(experiment)
 }
+
+/// Plays a short episode in an environment of the user, twice. Engines of this project have been through more than that.
+pub fn rehearse(experiment: &Experiment) -> Result<(), Exit> {
+    let Some(hosted) = experiment.simulator.hosted().filter(|hosted| hosted.needs_description()) else {
+        return Ok(());
+    };
+    let programs = Programs::of(experiment);
+    let work = Work::from(Rehearse(duplicate(&experiment.simulator)));
+    let work = serde_json::to_vec(&work).expect("descriptions are plain data");
+    let job = Job { program: hosted.worker(), work: &work, inputs: &[] };
+    let done = Workforce::new(&programs).run(job, &mut Unwatched, &mut |_| ());
+    let bad = |why: String| {
+        Exit::BadInput(format!("`simulator`: a short trial before any work failed: {why}\n{ALL_RULES}"))
+    };
+    let done = done.map_err(|error| bad(error.to_string()))?;
+    let Rehearsed { differed_at } = Rehearsed::decode(&done).map_err(|error| bad(error.to_string()))?;
+    if let Some(step) = differed_at {
+        let place = if step == 0 { "its reset".to_owned() } else { format!("step {step}") };
+        print_error(&format!(
+            "warning: `simulator`: the same seed and actions gave another episode, from {place} on. Results cannot be repeated, and \
+             figures from the same contexts are not.\n{ALL_RULES}"
+        ));
+    }
+    Ok(())
+}
+
+/// What to do about it.
+const ALL_RULES: &str = "`elo.conformance.simulator`, in Python, tries all rules of an environment.";

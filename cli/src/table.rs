@@ -87,10 +87,12 @@ fn normalisation(scale: &Scale, reference: &Reference) -> String {
 /// The table that `elo evaluate` ends with.
 pub fn evaluation(evaluation: &Evaluation) -> String {
     let mut text = String::new();
-    let Evaluation { metric, robot, engine, seed, made_with_seed, contexts, .. } = evaluation;
+    let Evaluation { metric, robot, engine, seed, made_with_seed, contexts, scale, reference, .. } =
+        evaluation;
     let kind = if seed == made_with_seed { "held-out contexts of the run's own" } else { "fresh contexts" };
     let (name, version) = (&engine.name, &engine.version);
     let _ = writeln!(text, "\n{metric} set of {robot} in {name} {version}: {contexts} {kind}, seed {seed}");
+    text.push_str(&normalisation(scale, reference));
     heading(&mut text, NAMES);
     line(&mut text, NAMES, "the set", &evaluation.set);
     for row in &evaluation.options {
@@ -103,17 +105,20 @@ pub fn evaluation(evaluation: &Evaluation) -> String {
     text
 }
 
+/// Fewer candidates than this have rank correlations that jump with each of them.
+const FEW: usize = 10;
+
 /// The table that `elo crosscheck` ends with.
 pub fn crosscheck(found: &Crosscheck) -> String {
     let Crosscheck { robot, contexts, candidates, engines, pairs, robust, robust_scores } = found;
     let mut text = format!("\n{robot}: {} candidates in {contexts} shared contexts\n", candidates.len());
     let list = |numbers: &[usize]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
-    for engine in engines {
+    let names = found.names();
+    for (engine, name) in engines.iter().zip(&names) {
         let average = engine.scores.iter().sum::<f64>() / engine.scores.len().max(1) as f64;
         let _ = writeln!(
             text,
-            "{:<12} mean return of all candidates {average:.1}, best {}, {:.1} % of rollouts failed{}",
-            engine.engine.name,
+            "{name:<12} mean return of all candidates {average:.1}, best {}, {:.1} % of rollouts failed{}",
             list(&engine.best),
             engine.failures * 100.0,
             if engine.same_starts {
@@ -131,11 +136,17 @@ pub fn crosscheck(found: &Crosscheck) -> String {
             }
         }
     }
+    if candidates.len() < FEW {
+        let _ = writeln!(
+            text,
+            "Rank correlations of so few candidates, and their intervals, say little: 30 are better."
+        );
+    }
     let correlation = |found: &Option<Interval>| {
         found.map_or("not defined".to_owned(), |found| interval(&found, SHARE_DIGITS))
     };
     for pair in pairs {
-        let (first, second) = (&engines[pair.first].engine.name, &engines[pair.second].engine.name);
+        let (first, second) = (&names[pair.first], &names[pair.second]);
         let differ = pair.differences.iter().filter(|d| d.sign_test < 0.05 / candidates.len() as f64);
         let (more, less): (Vec<&Difference>, Vec<&Difference>) = differ.partition(|d| d.mean > 0.0);
         let _ = writeln!(text, "\n{first} and {second}");

@@ -1,6 +1,8 @@
 //! Algorithm 1(a): tasks, teachers, recordings and the candidates that are learned from them; or sets that are learned by
 //! practice. Called from [`crate::discover`].
 
+use std::collections::BTreeSet;
+
 use crate::crew::{RunError, Unit};
 use crate::discover::{Candidate, Origin, Run, Teacher, duplicate};
 use crate::key::Key;
@@ -102,8 +104,8 @@ impl Run<'_> {
         let usable = teachers.iter().filter(|teacher| teacher.usable).count();
         let needed = self.experiment.discover.min_teachers.max(1);
         if usable < needed {
-            let why: Vec<String> = teachers.iter().flat_map(|teacher| teacher.diverged.clone()).collect();
-            let why = why.join("; ");
+            let why: BTreeSet<&String> = teachers.iter().flat_map(|teacher| &teacher.diverged).collect();
+            let why = why.into_iter().map(String::as_str).collect::<Vec<_>>().join("; ");
             return Err(RunError::Config(format!(
                 "only {usable} of {} teachers could be trained and `discover.min_teachers` asks for {needed}: {why}",
                 teachers.len()

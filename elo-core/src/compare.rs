@@ -58,14 +58,14 @@ pub struct SetPair {
 /// # Errors
 /// See [`RunError`]; also sets of another horizon.
 pub fn compare(run: &Run<'_>, first: &[OptionSet], second: &[OptionSet]) -> Result<RunComparison, RunError> {
-    let contexts = run.held_out_contexts(run.experiment.report.contexts)?;
     let horizon = run.experiment.discover.horizon();
     if let Some(other) = first.iter().chain(second).find(|set| set.manifest.horizon != horizon) {
         return Err(RunError::Config(format!(
-            "returns of {:?} and of {:?} are not comparable",
-            horizon, other.manifest.horizon
+            "returns by {horizon} and by {} (of `[discover]`) are not comparable",
+            other.manifest.horizon
         )));
     }
+    let contexts = run.held_out_contexts(run.experiment.report.contexts)?;
     let (first, second) = (members(run, first, &contexts)?, members(run, second, &contexts)?);
     let same = |a: &Members<'_>, b: &Members<'_>| a.set.manifest.metric == b.set.manifest.metric;
     let meet = first.iter().any(|a| second.iter().any(|b| same(a, b)));

@@ -37,6 +37,20 @@ pub struct Crosscheck {
     pub robust_scores: Vec<f64>,
 }
 
+impl Crosscheck {
+    /// What to call each engine: its name, and a number from the second of that name on.
+    pub fn names(&self) -> Vec<String> {
+        let name = |index: usize| self.engines[index].engine.name.as_str();
+        let earlier = |index: usize| (0..index).filter(|before| name(*before) == name(index)).count();
+        (0..self.engines.len())
+            .map(|index| match earlier(index) {
+                0 => name(index).to_owned(),
+                before => format!("{} ({})", name(index), before + 1),
+            })
+            .collect()
+    }
+}
+
 /// The candidates on one engine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

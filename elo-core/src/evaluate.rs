@@ -5,8 +5,10 @@ use serde::{Deserialize, Serialize};
 use crate::crew::RunError;
 use crate::discover::Run;
 use crate::figures::{Comparison, Row};
+use crate::metric::Reference;
 use crate::option_set::OptionSet;
 use crate::performer::{Performer, PerformerRole};
+use crate::returns::Scale;
 use crate::rollout::Rollout;
 use crate::simulator::Engine;
 use crate::units::evaluate::Behavior;
@@ -27,6 +29,10 @@ pub struct Evaluation {
     pub made_with_seed: u64,
     /// How many contexts.
     pub contexts: usize,
+    /// How returns are normalised.
+    pub scale: Scale,
+    /// `(μ*, σ*)`.
+    pub reference: Reference,
     /// The infant agent with the set.
     pub set: Row,
     /// Each of its options, best first; options that were learned together as one row.
@@ -69,6 +75,8 @@ pub fn evaluate(run: &Run<'_>, set: &OptionSet) -> Result<Evaluation, RunError> 
         seed: run.experiment.seed,
         made_with_seed: manifest.experiment["seed"].as_u64().unwrap_or_default(),
         contexts: contexts.count,
+        scale: manifest.scale,
+        reference: manifest.reference,
         set: yardstick.row(&whole)?,
         options: names.iter().zip(members).map(option).collect::<Result<_, _>>()?,
         baselines: baselines.iter().map(|b| yardstick.row(b)).collect::<Result<_, _>>()?,

@@ -191,6 +191,7 @@ impl Yardstick<'_> {
         let normal: Vec<Vec<f64>> = (0..members)
             .map(|m| sample.returns.iter().map(|values| self.scale.apply(values[m])).collect())
             .collect();
+        let label = metric.label();
         let score = Score {
             metric,
             reference: self.reference,
@@ -200,7 +201,9 @@ impl Yardstick<'_> {
         let scores = judge.scores(score, &normal)?;
         let of_set = |scores: &Vec<f64>| scores.iter().sum::<f64>() / scores.len() as f64;
         let of_sets: Vec<f64> = scores.iter().map(of_set).collect();
-        Ok(interval_of(&of_sets, sample.returns.len(), self.plan.confidence)?)
+        interval_of(&of_sets, sample.returns.len(), self.plan.confidence).map_err(|error| {
+            RunError::Config(format!("the score by {label} in held-out contexts has no interval: {error}"))
+        })
     }
 
     /// The paired difference of two samples' mean returns.

@@ -55,10 +55,14 @@ impl Run<'_> {
         let mut bench = Measured { run: self, pool, rollouts: Vec::new() };
         let selection = self.experiment.selector.select(&mut bench, &scoring)?;
         if let Some(empty) = selection.choices.iter().find(|choice| choice.chosen.is_empty()) {
-            return Err(RunError::Select(format!(
-                "no candidate can be chosen by {}: see `failures`",
-                empty.metric
-            )));
+            let candidates = empty.scores.len();
+            let why = match empty.scores.iter().flatten().count() {
+                0 => format!(
+                    "each of {candidates} has a rollout that failed, and `failures.policy` leaves such out"
+                ),
+                scored => format!("the scores of {scored} of {candidates} are no numbers"),
+            };
+            return Err(RunError::Select(format!("no candidate can be chosen by {}: {why}", empty.metric)));
         }
         Ok((selection, bench.rollouts))
     }

@@ -1,5 +1,7 @@
 //! The only loop that steps a simulator to measure something.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use crate::agent::Agent;
@@ -18,6 +20,13 @@ pub struct Horizon {
     /// Whether a fall ends the return (its step's reward counts, nothing after it). Otherwise the rollout goes on from
     /// the fallen state, for simulators whose state can be set.
     pub stop_at_fall: bool,
+}
+
+impl fmt::Display for Horizon {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { steps, discount, stop_at_fall } = self;
+        write!(f, "`steps` {steps}, `discount` {discount}, `stop_at_fall` {stop_at_fall}")
+    }
 }
 
 /// What one rollout gave.

@@ -226,6 +226,11 @@ impl Scoring<'_> {
             let (got, asked) = (choice.chosen.len(), self.set_size);
             found.push(format!("{}: only {got} of {asked} options could be chosen", choice.metric));
         }
+        let without = choice.scores.iter().flatten().filter(|score| score.is_nan()).count();
+        if without > 0 {
+            let (label, all) = (&choice.metric, choice.scores.len());
+            found.push(format!("{label}: the scores of {without} of {all} candidates are no numbers"));
+        }
         let score = |id: &usize| choice.scores[*id];
         if let Some(last) = choice.chosen.last() {
             let unchosen = (0..choice.scores.len()).filter(|id| !choice.chosen.contains(id));

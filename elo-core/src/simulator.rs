@@ -161,13 +161,16 @@ pub fn check_action(action: &[f32]) -> Result<(), SimulatorError> {
 /// Checks that what a simulator gave is numbers.
 ///
 /// # Errors
-/// [`SimulatorError::Unstable`] otherwise.
+/// [`SimulatorError::Unstable`] otherwise, which names the first that is none.
 pub fn check_finite(observation: &[f32], reward_terms: &[f64]) -> Result<(), SimulatorError> {
-    if observation.iter().all(|x| x.is_finite()) && reward_terms.iter().all(|x| x.is_finite()) {
-        Ok(())
-    } else {
-        Err(SimulatorError::Unstable("an observation or reward term is not finite".to_owned()))
+    let unstable = |what: String| Err(SimulatorError::Unstable(what));
+    if let Some(i) = observation.iter().position(|x| !x.is_finite()) {
+        return unstable(format!("observation[{i}] is {}, which is not finite", observation[i]));
     }
+    if let Some(i) = reward_terms.iter().position(|x| !x.is_finite()) {
+        return unstable(format!("reward term {i} is {}, which is not finite", reward_terms[i]));
+    }
+    Ok(())
 }
 
 /// The inert description of a simulator, read from `[simulator]` of a config by its `kind`.

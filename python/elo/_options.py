@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ FILES = ("manifest.json", "options.safetensors")
 """What a set's folder holds."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OptionSet:
     """K options of one robot, best first.
 
@@ -32,8 +32,12 @@ class OptionSet:
 
     manifest: dict[str, Any]
     """What `manifest.json` says: robot, sizes, horizon, how the set was selected, and the whole config of its run."""
-    _options: _elo.Options = field(repr=False)
-    _files: tuple[bytes, ...] = field(repr=False)
+    _options: _elo.Options
+    _files: tuple[bytes, ...]
+
+    def __repr__(self) -> str:
+        robot, metric = self.manifest["spec"]["robot"], self.manifest["metric"]
+        return f"<OptionSet: {len(self)} options of {robot} by {metric}, T = {self.steps}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _unpacked, self._files
@@ -70,7 +74,7 @@ class OptionSet:
         """What option number `option` does at `observation` (observation_size numbers) after `elapsed` of its steps.
 
         `seed` feeds options that draw their actions, such as those of the learner `interest`: give each step another one.
-        Gives an array of the action's size.
+        Gives an array of the action's size. Raises IndexError for the number of no option, ValueError for an observation of another size.
         """
         return self._options.act((option, elapsed), _array(observation), seed)
 
@@ -94,8 +98,11 @@ class OptionSet:
 def load(path: str | os.PathLike[str]) -> OptionSet:
     """Reads the option set in a folder, e.g. `runs/NAME/results/option_sets/maximum_mean`.
 
-    Raises ValueError when a file is missing, damaged, or of a format that this version does not read.
+    Raises FileNotFoundError when there is no such folder, ValueError when a file is missing, damaged, or of a format that this version
+    does not read.
     """
+    if not Path(path).is_dir():
+        raise FileNotFoundError(f"there is no folder {os.fspath(path)}; `elo discover` writes option sets to results/option_sets/METRIC")
     options = _elo.Options(os.fspath(path))
     return OptionSet(json.loads(options.manifest()), options, tuple((Path(path) / name).read_bytes() for name in FILES))
 

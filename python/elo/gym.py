@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 from collections.abc import Mapping
 from typing import Any
 
@@ -108,6 +109,8 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
     numbers: the greatest of the first 1 + K chooses a primitive action (the first) or an option, and the last J, as far
     as the wrapped environment's bounds allow, are the primitive action.
 
+    `discount` is γ per step, in (0, 1]. Raises ValueError where sizes, bounds or control step of the options are not the environment's.
+
     `draw()` is the infant agent's choice: `step(draw())` again and again is that agent. What it and the options draw comes from a
     generator of the wrapper's own, which `reset(seed=...)` seeds; the wrapped environment's is left to it.
 
@@ -118,6 +121,9 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
     Learners for MDPs, Stable-Baselines3's among them, do not read `info["discount"]`: they discount each decision by one number. That
     is right where all decisions last n steps, with γ^n as that number. Where they do not (`primitive`, or options that end by
     chance) such a learner values what follows a long decision too much and what follows a short one too little.
+
+    `step` raises IndexError for the number of no option, TypeError for what is no whole number, and, with `primitive`, ValueError for an
+    array of another shape.
     """
 
     def __init__(
@@ -178,7 +184,7 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
         """The option that an action means, or -1 and the primitive action."""
         count = len(self.options)
         if not self._primitive:
-            option = int(action)
+            option = operator.index(action)
             if not 0 <= option < count:
                 raise IndexError(f"option {option} of a set of {count}")
             return option, None

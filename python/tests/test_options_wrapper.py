@@ -133,6 +133,8 @@ def test_actions_that_are_none_are_refused(option_set: Path) -> None:
     for option in (-1, 3):
         with pytest.raises(IndexError, match=f"option {option} of a set of 3"):
             wrapper.step(option)
+    with pytest.raises(TypeError):
+        wrapper.step(1.5)
     wrapper = elo.gym.OptionsWrapper(Telling(options), options, primitive=True)
     wrapper.reset(seed=1)
     with pytest.raises(ValueError, match=r"expected an action of shape \(10,\), got \(4,\)"):

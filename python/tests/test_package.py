@@ -32,6 +32,7 @@ def test_a_set_is_what_its_files_say(option_set: Path) -> None:
     assert first.shape == (6,) and first.dtype == np.float32 and not np.array_equal(first, later)
     assert [options.termination(1, observation, t) for t in (0, 7, 8)] == [0.0, 0.0, 1.0]
     assert options.interests(observation).tolist() == [1.0, 1.0, 1.0]
+    assert repr(options) == "<OptionSet: 3 options of half-cheetah by maximum_mean, T = 8>"
     with pytest.raises(IndexError, match="option 3 of a set of 3"):
         options.act(3, observation, 0)
     with pytest.raises(ValueError, match="has 5 numbers, the set's robot has 26"):
@@ -39,6 +40,8 @@ def test_a_set_is_what_its_files_say(option_set: Path) -> None:
 
 
 def test_a_damaged_or_missing_set_is_refused(option_set: Path, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="there is no folder .*nowhere"):
+        elo.load(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="manifest.json"):
         elo.load(tmp_path)
     (tmp_path / "manifest.json").write_bytes((option_set / "manifest.json").read_bytes()[:-40])

@@ -158,7 +158,20 @@ def test_raising_once_in_a_rollout_changes_no_byte(discover: Discover, tmp_path:
     # What raises each time is a recorded failure, with its traceback.
     assert discover(wrong("raises", at=0.9), *TAUGHT, out="always").returncode == 0
     lost = failures(tmp_path / "always")
-    assert lost and all("the motor is on fire" in row["reason"] for row in lost)
+    assert lost and all(re.search(r'toys.py", line \d+, in step .*: the motor is on fire', row["reason"]) for row in lost), lost
+    assert not any("_bridge" in row["reason"] for row in lost), lost
+
+
+def test_a_floor_above_the_rewards_is_told(discover: Discover) -> None:
+    ran = discover(MASS, "--set", "simulator.reward_floor=5")
+    assert ran.returncode == 2 and "less than `reward_floor`, 5;" in ran.stderr, ran.stderr
+
+
+def test_episodes_that_do_not_repeat_are_told(discover: Discover) -> None:
+    ran = discover(wrong("hidden counter"))
+    assert ran.returncode == 0, ran.stderr
+    assert "warning: `simulator`: the same seed and actions gave another episode, from step" in ran.stderr, ran.stderr
+    assert "gave another episode" not in discover(MASS, out="sound").stderr
 
 
 @pytest.mark.parametrize(
@@ -200,6 +213,8 @@ def test_a_fault_that_passes_changes_no_byte(discover: Discover, tmp_path: Path,
         ("raises", "the motor is on fire"),
     ],
 )
-def test_a_fault_that_stays_is_told(discover: Discover, how: str, said: str) -> None:
+def test_a_fault_that_stays_is_told(discover: Discover, tmp_path: Path, how: str, said: str) -> None:
     ran = discover(wrong(how))
-    assert ran.returncode == 1 and said in ran.stderr, ran.stderr
+    assert ran.returncode == 2 and said in ran.stderr and "a short trial before any work" in ran.stderr, ran.stderr
+    assert not (tmp_path / "run").exists()
+    assert discover(wrong(how), "--plan").returncode == 2

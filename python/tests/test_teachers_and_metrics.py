@@ -128,12 +128,22 @@ def test_a_teacher_that_goes_wrong_is_told(discover: Discover, how: str, said: s
         ("raises", "nothing is good enough"),
         ("one number", "expected one number a row"),
         ("text", "expected one number a row"),
-        ("nan", "no candidate can be chosen by cvar"),
     ],
 )
-def test_a_metric_that_goes_wrong_is_told(discover: Discover, how: str, said: str) -> None:
+def test_a_metric_that_goes_wrong_is_told_before_any_work(discover: Discover, tmp_path: Path, how: str, said: str) -> None:
     ran = discover(MASS, "--set", CONTROLLER, "--set", metric(how=how))
-    assert ran.returncode == 1 and said in ran.stderr, ran.stderr
+    assert ran.returncode == 2 and said in ran.stderr, ran.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_argument_that_a_metric_does_not_take_is_told_before_any_work(discover: Discover) -> None:
+    ran = discover(MASS, "--set", CONTROLLER, "--set", metric(shar=0.5))
+    assert ran.returncode == 2 and "unexpected keyword argument 'shar'" in ran.stderr, ran.stderr
+
+
+def test_scores_that_are_no_numbers_are_told(discover: Discover) -> None:
+    ran = discover(MASS, "--set", CONTROLLER, "--set", metric(how="nan"))
+    assert ran.returncode == 1 and "no candidate can be chosen by cvar" in ran.stderr, ran.stderr
 
 
 def test_workers_that_are_killed_change_no_byte(elo_program: Path, discover: Discover, tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_a_rollout_that_crashes_each_time_is_recorded(discover: Discover, tmp_pa
 @pytest.mark.parametrize(("how", "signal"), CRASHES)
 def test_a_crash_tells_its_signal_and_its_line(discover: Discover, how: str, signal: str) -> None:
     ran = discover(wrong(how))
-    assert ran.returncode == 1 and signal in ran.stderr, ran.stderr
+    assert ran.returncode == 2 and signal in ran.stderr, ran.stderr
     assert re.search(r'toys.py", line \d+ in step', ran.stderr), ran.stderr
 
 

@@ -60,6 +60,7 @@ fn found(ran: Ran) -> Crosscheck {
 fn an_engine_agrees_with_itself() {
     let found = found(crosscheck(&["--simulator", "rapier", "--contexts", "8", "--json"]));
     let [own, again] = &found.engines[..] else { panic!("{found:?}") };
+    assert_eq!(found.names(), ["rapier", "rapier (2)"]);
     assert_eq!((own, found.contexts, found.candidates.len()), (again, 8, 8));
     let [pair] = &found.pairs[..] else { panic!("{found:?}") };
     assert!((pair.kendall.unwrap().estimate - 1.0).abs() < 1e-12, "{pair:?}");
@@ -108,7 +109,9 @@ fn what_cannot_be_compared_is_told_before_any_work() {
     let ran = crosscheck(&["--simulator", file.to_str().unwrap()]).expect_code(2);
     assert!(ran.stderr.contains("the options do not fit: robot half-cheetah against ant"), "{ran}");
     let ran = crosscheck(&["--simulator", "bullet"]).expect_code(2);
-    assert!(ran.stderr.contains("expected a kind of simulator"), "{ran}");
+    assert!(ran.stderr.contains("--simulator bullet: expected a kind of simulator"), "{ran}");
+    let ran = crosscheck(&["--simulator", "rapierr"]).expect_code(2);
+    assert!(ran.stderr.contains("did you mean `rapier`?"), "{ran}");
     let empty = write(folder.path(), "empty.toml", "");
     let ran = crosscheck(&["--simulator", empty.to_str().unwrap()]).expect_code(2);
     assert!(ran.stderr.contains("no table [simulator]"), "{ran}");

@@ -206,7 +206,7 @@ fn what_cannot_be_priced_compared_or_reproduced_is_refused() {
     refused(&["reprice", "--tasks", "mass=1..2"], &[&out], "`mass` changes how the robot moves");
     refused(&["compare"], &[&out, &nowhere], "is no run directory");
     refused(&["experiments"], &[&nowhere], "`elo discover CONFIG --out DIRECTORY` makes one");
-    std::fs::remove_file(out.join("results/report.json")).unwrap();
+    std::fs::remove_file(out.join("results/experiment.toml")).unwrap();
     refused(&["experiments"], &[&out], "this run is not finished");
     refused(
         &["reproduce", "--robot", "hopper"],

@@ -50,7 +50,10 @@ impl<T: Element + Copy> Shared<T> {
 pub fn told(error: &PyErr) -> String {
     Python::attach(|py| {
         let formatted = || -> PyResult<String> {
-            py.import("elo._bridge")?.getattr("tell")?.call1((error.value(py),))?.extract()
+            py.import("elo._bridge")?
+                .getattr("tell")?
+                .call1((error.value(py), error.traceback(py)))?
+                .extract()
         };
         formatted().unwrap_or_else(|_| error.to_string())
     })

@@ -13,7 +13,7 @@ use elo_core::results;
 use crate::arguments::Discover;
 use crate::commands::plan;
 use crate::exit::Exit;
-use crate::open::{ready_to_run, staff, with_crew};
+use crate::open::{ready_to_run, rehearse, staff, with_crew};
 use crate::output::{print, print_json};
 use crate::{load, table};
 
@@ -22,6 +22,7 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let experiment = load::experiment(&arguments.config, &arguments.overrides, plugins)?;
     let staff = staff(arguments.workers, plugins)?;
     if arguments.plan {
+        rehearse(&experiment)?;
         return print(&plan::plan(&experiment, staff.workers)?);
     }
     ready_to_run(&experiment)?;

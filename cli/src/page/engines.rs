@@ -30,9 +30,9 @@ fn whole(sheet: &mut Sheet<'_>, found: &Crosscheck) -> Markup {
             "differ by more than " (elo_core::crosscheck::PARTED) "."
         }
         (table("Engines", &["engine", "mean return of all", "best candidates", "failed", "starts"], &html! {
-            @for engine in &found.engines {
+            @for (engine, name) in found.engines.iter().zip(found.names()) {
                 tr {
-                    th scope="row" { (engine.engine.name) small.note { (engine.engine.version) } }
+                    th scope="row" { (name) small.note { (engine.engine.version) } }
                     td { (format!("{:.1}", engine.scores.iter().sum::<f64>() / engine.scores.len().max(1) as f64)) }
                     td.text { (numbers(&engine.best)) }
                     td {
@@ -64,8 +64,9 @@ fn whole(sheet: &mut Sheet<'_>, found: &Crosscheck) -> Markup {
     }
 }
 
-fn names<'a>(found: &'a Crosscheck, pair: &Pair) -> [&'a str; 2] {
-    [pair.first, pair.second].map(|index| found.engines[index].engine.name.as_str())
+fn names(found: &Crosscheck, pair: &Pair) -> [String; 2] {
+    let names = found.names();
+    [pair.first, pair.second].map(|index| names[index].clone())
 }
 
 fn pair_row(found: &Crosscheck, pair: &Pair, at: &At) -> Markup {

@@ -17,6 +17,7 @@ pub mod play;
 pub mod practise;
 pub mod prepare;
 pub mod record;
+pub mod rehearse;
 pub mod score;
 pub mod trace;
 pub mod train;
@@ -61,6 +62,8 @@ pub enum Work {
     Score(score::Score),
     /// What a plugin is.
     Describe(describe::Describe),
+    /// Whether an environment can be used.
+    Rehearse(rehearse::Rehearse),
 }
 
 impl Work {
@@ -79,6 +82,7 @@ impl Work {
             Self::Film(_) => "film",
             Self::Score(_) => "score",
             Self::Describe(_) => "describe",
+            Self::Rehearse(_) => "rehearse",
         };
         Stage { name, version: 1 }
     }
@@ -91,6 +95,7 @@ impl Work {
             Self::Apprentice(work) => Some(work.recording.simulator.as_ref()),
             Self::Practise(work) => Some(work.simulator.as_ref()),
             Self::Prepare(work) => Some(work.simulator.as_ref()),
+            Self::Rehearse(work) => Some(work.0.as_ref()),
             Self::Evaluate(Evaluate { play, .. })
             | Self::Trace(Trace(play))
             | Self::Film(Film { rollouts: Evaluate { play, .. }, .. }) => Some(play.simulator.as_ref()),
@@ -112,7 +117,7 @@ impl Work {
             }
             Self::Score(work) => vec![work.metric.hosted()],
             Self::Describe(work) => vec![work.hosted()],
-            Self::Prepare(_) | Self::Learn(_) | Self::Practise(_) => Vec::new(),
+            Self::Prepare(_) | Self::Learn(_) | Self::Practise(_) | Self::Rehearse(_) => Vec::new(),
         };
         simulator.into_iter().chain(other).flatten().collect()
     }
@@ -138,7 +143,7 @@ impl Work {
             | Self::Trace(Trace(play))
             | Self::Film(Film { rollouts: Evaluate { play, .. }, .. }) => &play.seed,
             Self::Score(work) => &work.seed,
-            Self::Describe(_) => &Seed::root(0),
+            Self::Describe(_) | Self::Rehearse(_) => &Seed::root(0),
         };
         Key::of(&self.stage(), self, inputs, seed, &fingerprint(program, engine.as_ref()))
     }
@@ -165,6 +170,7 @@ impl Work {
             Self::Film(work) => work.perform(inputs, site, monitor),
             Self::Score(work) => work.perform(inputs, monitor),
             Self::Describe(work) => work.perform(),
+            Self::Rehearse(work) => work.perform(),
         }
     }
 }
@@ -191,7 +197,8 @@ impl Work {
             | Self::Practise(_)
             | Self::Prepare(_)
             | Self::Score(_)
-            | Self::Describe(_) => Ok(None),
+            | Self::Describe(_)
+            | Self::Rehearse(_) => Ok(None),
         }
     }
 }

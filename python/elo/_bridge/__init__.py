@@ -13,7 +13,8 @@ import platform
 import sys
 import traceback
 from collections.abc import Iterable, Mapping
-from types import ModuleType
+from pathlib import Path
+from types import ModuleType, TracebackType
 from typing import Any
 
 import numpy as np
@@ -26,11 +27,19 @@ class BadTarget(Exception):
     """A user's code is not what the config needs. The message is for its author; it comes without a traceback."""
 
 
-def tell(error: BaseException) -> str:
-    """An exception in words for a report."""
+def tell(error: BaseException, trace: TracebackType | None) -> str:
+    """An exception in words for a report, with its way through the user's code."""
     if isinstance(error, BadTarget):
         return str(error)
-    return "".join(traceback.format_exception(error)).strip()
+    told = traceback.TracebackException(type(error), error, trace)
+    told.stack = traceback.StackSummary.from_list([frame for frame in told.stack if not _is_own(frame.filename)])
+    lines = told.format() if told.stack else told.format_exception_only()
+    return "".join(lines).strip()
+
+
+def _is_own(file: str) -> bool:
+    """Whether it is code that is between elo and the user's."""
+    return file.startswith("<frozen importlib") or Path(file).parent == Path(__file__).parent
 
 
 def find(target: str, otherwise: str = "") -> Any:

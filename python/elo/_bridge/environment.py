@@ -251,5 +251,6 @@ class Bridge:
         terms = info.get("reward_terms", info)
         for index, name in enumerate(self._names):
             if name not in terms:
-                raise BadTarget(f"step's info has no reward term `{name}`; it has {', '.join(map(str, terms))}")
+                found = ", ".join(map(str, terms)) or "nothing"
+                raise BadTarget(f"step's info has no reward term `{name}`; it has {found}")
             self.terms[index] = _number(terms[name], f"the reward term `{name}`")

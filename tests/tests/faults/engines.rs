@@ -328,6 +328,12 @@ fn without_libmujoco_the_program_runs_and_says_what_to_install() {
     let line = ran.stdout.lines().find(|line| line.starts_with("mujoco")).unwrap();
     assert!(line.contains("missing") && line.contains("run `tests/set-up`"), "{ran}");
     assert!(ran.stdout.lines().any(|line| line.starts_with("rapier") && line.contains("ready")), "{ran}");
+    let config = write(folder.path(), "there.toml", "[workers]\npython = \"/nowhere/python\"\n");
+    let ran = here(&["doctor", config.to_str().unwrap()]).expect_success();
+    assert!(
+        ran.stdout.lines().any(|line| line.starts_with("python ") && line.contains("/nowhere/python")),
+        "{ran}"
+    );
     assert!(here(&["plugins"]).expect_success().stdout.contains("mujoco"));
     let ran = here(&["example", "experiment"]).expect_success();
     write(folder.path(), "run.toml", &ran.stdout);
