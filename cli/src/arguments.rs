@@ -202,9 +202,9 @@ pub struct Reproduce {
 /// See [`Reproduce::scale`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Scale {
-    /// 2 teachers of 300,000 steps, 60 candidates, 60 contexts.
+    /// 2 teachers of 300,000 steps, 40 candidates, 40 contexts to choose in, 60 held-out ones.
     Quick,
-    /// 10 teachers of 2 million steps, 600 candidates, 300 contexts.
+    /// 10 teachers of 2 million steps, 600 candidates, 300 contexts to choose in, 300 held-out ones.
     Paper,
 }
 
