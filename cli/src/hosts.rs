@@ -28,7 +28,7 @@ pub fn remedy(program: &WorkerProgram) -> &'static str {
     match program {
         WorkerProgram::Beside(_) => "",
         WorkerProgram::Interpreter(_) => {
-            "; install the package with `PYTHON -m pip install ./python` (in the repository), or name another interpreter \
+            "; install the package with `PYTHON -m pip install './python[gym]'` (in the repository), or name another interpreter \
              or virtual environment in `workers.python`; `tests/set-up` makes one in target/python"
         }
     }

@@ -138,7 +138,7 @@ def test_what_cannot_be_a_simulator_is_refused(
 def test_no_python_is_told(discover: Discover, tmp_path: Path) -> None:
     for python in ["/nonexistent/python", "/usr/bin/env"]:
         ran = discover(MASS, "--set", f'workers.python="{python}"')
-        assert ran.returncode == 2 and "pip install ./python" in ran.stderr, ran.stderr
+        assert ran.returncode == 2 and "pip install './python[gym]'" in ran.stderr, ran.stderr
 
 
 def test_raising_once_in_training_ends_nothing(discover: Discover, tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ fn missing() -> BuildError {
     BuildError::MissingEngine {
         engine: "Python".to_owned(),
         remedy:
-            "what is written in Python runs in `python -m elo.worker`; install it with `pip install ./python`"
+            "what is written in Python runs in `python -m elo.worker`; install it with `pip install './python[gym]'`"
                 .to_owned(),
     }
 }
