@@ -26,7 +26,7 @@ pub struct SimulatorSpec {
     /// What may differ between tasks.
     pub task_parameters: Vec<TaskParameter>,
     /// A lower bound on one step's reward. A failed evaluation is given this at every step (failure policy
-    /// `worst-possible`), so it must lie below anything that a real rollout can earn on average.
+    /// `worst_possible`), so it must lie below anything that a real rollout can earn on average.
     pub reward_floor: f64,
     /// What the simulator can do.
     pub capabilities: Capabilities,

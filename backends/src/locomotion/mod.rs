@@ -2,9 +2,10 @@
 //! reset and ends. An engine implements [`body::ArticulatedBody`] and gets the rest through [`simulator::Locomotion`].
 //!
 //! The three robots carry the masses, inertias, torques and reward of Roboschool's Ant, HalfCheetah and Walker2d, which
-//! the paper uses. Known differences from those environments: joint limits are springs instead of hard one-sided stops,
-//! there is no restitution and no built-in drag of links, Ant's ankle axes have unit length, and a contact is a
-//! penetration, not a gap of some millimetres.
+//! the paper uses. Known differences from those environments: there is
+//! no restitution and no built-in drag of links, Ant's ankle axes have unit length, and joint limits are absorbing stops that bring a
+//! joint which starts outside back at half its excess per second: in MuJoCo springs with much damping, in Rapier constraints. A body touches the floor in MuJoCo when one of
+//! its geoms penetrates it, in Rapier within 1 mm of it; in Roboschool within some millimetres.
 
 pub mod body;
 #[cfg(all(test, any(feature = "mujoco", feature = "rapier")))]

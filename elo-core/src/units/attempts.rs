@@ -6,7 +6,7 @@ use super::codec::{self, Malformed};
 use crate::policy::{Monitor, Stopped, TrainError};
 use crate::seed::Seed;
 
-/// Trainings that diverge are begun again with another seed this often.
+/// How often a training is tried, each time with another seed, before it counts as diverged.
 const ATTEMPTS: u64 = 3;
 
 /// What came of all attempts.

@@ -17,7 +17,7 @@ use crate::normalized_mlp::NormalizedMlp;
 
 /// Teachers by proximal policy optimisation (Schulman et al. 2017; Weber et al. 2019, Eq. 2.3 and 2.4).
 ///
-/// Costs about 15 µs of computation a step beside the simulator, at the default sizes on one core.
+/// Costs about 13 µs of computation a step beside the simulator, at the default sizes on one core (`docs/results/speed.md`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PpoConfig {
