@@ -11,7 +11,9 @@ pub trait Agent {
     /// A rollout begins at `observation`.
     fn begin(&mut self, _observation: &[f32], _noise: &mut Stream) {}
 
-    /// Writes the action for `observation`.
+    /// Writes every component of the action for `observation`: `observation_size` numbers in, one out for each component of the spec's
+    /// bounds. It may lie outside them, where the simulator clamps it; one that is not finite ends the rollout as failed. Slices of
+    /// another length are a mistake of the caller, who may see a panic.
     fn act(&mut self, observation: &[f32], noise: &mut Stream, action: &mut [f32]);
 
     /// Why the last action was not finite, see [`TeacherPolicy::trouble`].

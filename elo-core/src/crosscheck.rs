@@ -55,7 +55,7 @@ impl Crosscheck {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EngineScores {
-    /// Which.
+    /// The engine.
     pub engine: Engine,
     /// Whether it began in the very states of the run's own engine. Where one of both cannot be put into states, it reached
     /// starts of its own by the same seeds and random actions: then pairs share the task alone, and differences hold that of
@@ -77,9 +77,9 @@ pub struct EngineScores {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pair {
-    /// One.
+    /// Position of the one engine.
     pub first: usize,
-    /// The other.
+    /// Position of the other engine.
     pub second: usize,
     /// Kendall's τ-b of the scores, with a bootstrap interval over contexts; `None` where one engine scores all alike.
     pub kendall: Option<Interval>,

@@ -51,9 +51,9 @@ pub struct Discovery {
     pub given_up: Vec<usize>,
     /// Takes of recordings that failed: the recording's number, which is that of its candidate, the take's number, and why.
     pub failed_takes: Vec<(usize, u32, String)>,
-    /// Every candidate's rollouts in the selection contexts.
+    /// Every candidate's rollouts in the selecting contexts.
     pub rollouts: Vec<Vec<Rollout>>,
-    /// The selection contexts.
+    /// The selecting contexts.
     pub contexts: ContextSet,
     /// The chosen sets; candidates by their position in `candidates`.
     pub selection: Selection,

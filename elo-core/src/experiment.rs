@@ -1,4 +1,6 @@
-//! The configuration of one run, as a TOML file writes it. Every default is the paper's where the paper gives one.
+//! The configuration of one run, as a TOML file writes it. Every default is the paper's where the paper gives one, but for
+//! [`Discover::tasks`]: contexts to select in have tasks from `P`, as held-out contexts have, which needs no teachers. The presets of
+//! the paper (`examples/paper`) set its `W`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -38,7 +40,9 @@ pub struct Experiment {
     #[serde(default)]
     pub initial_states: InitialStates,
     /// How near-optimal policies are found (Algorithm 1(a), step 2); see `elo plugins`. Option learners that practise by
-    /// themselves do without; where there is one all the same, it is what `elo experiments` compares with.
+    /// themselves do without; where there is one all the same, it is what `elo experiments` compares with. A training that diverges,
+    /// or that ends with a teacher which earns significantly less than random torque (30 paired rollouts of at most 200 steps), is
+    /// tried again with another seed, three times in all; then the teacher is left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub teacher: Option<Box<dyn TeacherConfig>>,
     /// How options are learned: from recorded trajectories one by one, or a whole set by practice; see `elo plugins`.
@@ -89,13 +93,15 @@ pub struct Discover {
     /// `Z`: contexts in which each candidate is measured; at least `set_size`. The paper uses 300.
     #[schemars(range(min = 1, max = 1000000))]
     pub contexts: usize,
-    /// `T`: control steps of one option. The paper uses 200, which is 3.3 s.
+    /// `T`: control steps of one option. The paper uses 200, which is 3.3 s. With an option learner that practises: control steps of
+    /// one rollout at most, in practice and when measured; its options end by chance, and several may run in one rollout.
     #[schemars(range(min = 1, max = 100000))]
     pub steps: usize,
     /// `K`: options in a set; at most `candidates`, unless the option learner practises. The paper uses 5.
     #[schemars(range(min = 1))]
     pub set_size: usize,
-    /// Where the tasks of selection contexts come from. The paper draws them from the teachers' tasks `W`.
+    /// Where the tasks of selecting contexts come from. The paper draws them from the teachers' tasks `W`; the default is `P`, from
+    /// which held-out contexts are drawn too, and which needs no teachers.
     pub tasks: EvaluationTasks,
     /// Whether a teacher is recorded acting by its mean or sampling.
     pub teacher_acts: TeacherActs,
@@ -105,7 +111,7 @@ pub struct Discover {
     /// Whether a fall ends the return; its step's reward counts, nothing after it.
     pub stop_at_fall: bool,
     /// How often a recording that fell before its end is taken again, from another start, before the candidate is given
-    /// up.
+    /// up; the paper does not say.
     pub max_retakes: u32,
 }
 
@@ -163,7 +169,7 @@ pub struct ReportPlan {
     /// Random `K`-subsets of the candidates that selected sets are compared with; none where sets are learned as a whole.
     #[schemars(range(min = 1, max = 10000))]
     pub random_subsets: usize,
-    /// `α` of the reported lower tail `Pr(V < μ* − α σ*)`; at least 0.
+    /// `α` of the reported lower tail `Pr(V < μ* − α σ*)`; at least 0. The paper does not give it.
     #[schemars(range(min = 0.0))]
     pub alpha: f64,
     /// Bootstrap draws behind each interval.

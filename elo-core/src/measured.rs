@@ -68,7 +68,7 @@ impl Run<'_> {
     }
 }
 
-/// The bench on which candidates meet the selection contexts.
+/// The bench on which candidates meet the selecting contexts.
 struct Measured<'a> {
     run: &'a Run<'a>,
     pool: &'a Pool<'a>,

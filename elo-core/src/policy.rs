@@ -2,6 +2,11 @@
 //!
 //! Policies are pure functions of observation, elapsed steps and a random stream: they hold no state that changes, so
 //! one object serves all threads.
+//!
+//! Observations are as the simulator gives them, not normalised: `observation_size` finite numbers in the units of the simulator. Actions have one
+//! number for each component of the spec's bounds and must be finite; they may lie outside the bounds, where the simulator clamps them
+//! and a rollout counts the step as clamped. `load` and [`PolicyLoader`] refuse a robot of other sizes, so a slice of another length
+//! is a mistake of the caller: a policy may panic or not notice it.
 
 use std::fmt;
 use std::path::Path;
@@ -18,7 +23,8 @@ use crate::tensors::{TensorError, Tensors};
 
 /// `π*_τ`: a policy that is near-optimal in one task.
 pub trait TeacherPolicy: Send + Sync {
-    /// Writes the action for `observation`. Without `noise` it is the policy's mean action, with it a sample.
+    /// Writes the action for `observation`, every component of it, whatever `action` held. Without `noise` it is the policy's mean action,
+    /// with it a sample, which depends on nothing else. Code that fails writes NaN, which ends the rollout, and says why in [`Self::trouble`].
     fn act(&self, observation: &[f32], noise: Option<&mut Stream>, action: &mut [f32]);
 
     /// Why the last action was not finite, for policies whose code can fail. It is told and forgotten.
@@ -29,15 +35,17 @@ pub trait TeacherPolicy: Send + Sync {
 
 /// `(I_o, π_o, β_o)`: one early-life option.
 pub trait OptionPolicy: Send + Sync + fmt::Debug {
-    /// `I_o(s) > 0`: how much the agent prefers to start this option here. 1 for options without an initiation set.
+    /// `I_o(s)`, finite and above 0: how much the agent prefers to start this option here. Only its ratio to the other options' counts.
+    /// 1 for options without an initiation set.
     fn interest(&self, _observation: &[f32]) -> f32 {
         1.0
     }
 
-    /// `π_o`: writes the action, `elapsed` control steps after the option began.
+    /// `π_o`: writes every component of the action, `elapsed` control steps after the option began (0 for its first one). `noise` is the
+    /// only randomness. Actions are finite also after the option should have ended.
     fn act(&self, observation: &[f32], elapsed: usize, noise: &mut Stream, action: &mut [f32]);
 
-    /// `β_o`: the probability that the option ends here, after `elapsed >= 1` of its actions.
+    /// `β_o`: the probability in [0, 1] that the option ends here, after `elapsed >= 1` of its actions.
     fn termination(&self, observation: &[f32], elapsed: usize) -> f64;
 
     /// The option as tensors of one declared format, see [`PolicyFormat`].
@@ -203,7 +211,8 @@ pub struct Stopped;
 /// Why a training gave no teacher, or a practice no set.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrainError {
-    /// Losses or parameters stopped being finite, or the policy collapsed. Worth another seed.
+    /// Losses or parameters stopped being finite, the policy collapsed, or the teacher earns significantly less than random torque
+    /// ([`crate::units::train`]). Worth another seed.
     #[error("diverged after {steps} steps: {reason}")]
     Diverged {
         /// Simulator steps taken until then.

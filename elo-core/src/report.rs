@@ -46,7 +46,7 @@ pub struct Report {
     pub starts: StartReport,
     /// The normalisation of returns: `(return - offset) / scale`.
     pub scale: Scale,
-    /// `(μ*, σ*)`, in normalised returns, from the selection contexts.
+    /// `(μ*, σ*)`, in normalised returns, from the selecting contexts.
     pub reference: Reference,
     /// One selected set a metric.
     pub sets: Vec<SetReport>,

@@ -7,9 +7,9 @@
 //! | `provenance.json` | | the program, engine, compiler and class of processor that made it |
 //! | `option_sets/<metric>/` | | [`crate::option_set::OptionSet`], one folder a metric |
 //! | `candidates.csv` | N rows | number, teacher, retakes, teacher_return, then one score column a metric; sets that were learned by practice have no teacher |
-//! | `practice.csv` | | of each such set: what the infant agent earned on the way |
+//! | `practice.csv` | | candidate, steps, mean_return, mean_length: for each such set what the infant agent earned on the way, one row a point of its curve |
 //! | `contexts_{select,report}.csv` | Z rows | task parameters, random_steps, redraws |
-//! | `select_terms.npy` | (N, Z, terms) f64 | sums of reward terms of each candidate in each selection context |
+//! | `select_terms.npy` | (N, Z, terms) f64 | sums of reward terms of each candidate in each selecting context |
 //! | `select_length.npy`, `select_clamped.npy` | (N, Z) u32 | control steps taken; those with a clamped action |
 //! | `select_ending.npy` | (N, Z) u8 | 0 whole horizon, 1 fell, 2 cut short, 3 failed |
 //! | `report_options_*.npy` | (options, Z, …) | the same for the options named in `report_options.csv` |

@@ -80,7 +80,8 @@ pub struct ReturnScaling {
     /// What returns are divided by, so that the `k` of a metric is comparable with a probability. The paper's returns
     /// of 0.08 to 0.33 were normalised somehow; it gives no formula.
     pub normaliser: Normaliser,
-    /// What the value of a *set* is when `(μ*, σ*)` are taken from it.
+    /// What the value of a *set* is when `(μ*, σ*)` are taken from it. The infant agent, which picks one option at random, earns the
+    /// mixture; Eq. 4.2 to the letter is the average.
     pub set_value: SetValue,
 }
 

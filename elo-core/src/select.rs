@@ -40,7 +40,7 @@ pub trait Bench {
     /// `Z`: contexts a candidate may be measured in.
     fn contexts(&self) -> usize;
 
-    /// Returns of `candidates` in the selection contexts `contexts`, one row a candidate in the given order.
+    /// Returns of `candidates` in the selecting contexts `contexts`, one row a candidate in the given order.
     ///
     /// # Errors
     /// Whatever keeps the rollouts from being made.

@@ -90,7 +90,7 @@ pub struct Bound {
     pub upper: f64,
 }
 
-/// The scores of all candidates by one metric (Figure 5.6), from the selection contexts.
+/// The scores of all candidates by one metric (Figure 5.6), from the selecting contexts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScoreSpread {
@@ -107,7 +107,7 @@ pub struct ScoreSpread {
 /// Measures everything that the paper's figures and tables show of a finished run, and what [`ExperimentsPlan`] adds.
 ///
 /// Costs one more teacher, and then about (2 · its snapshots + candidates newly chosen + other learners · candidates ·
-/// (selection contexts / held-out contexts)) rollouts in each held-out context.
+/// (selecting contexts / held-out contexts)) rollouts in each held-out context.
 ///
 /// # Errors
 /// See [`RunError`].

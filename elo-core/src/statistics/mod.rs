@@ -10,6 +10,8 @@
 //! | `proportion` | how far a counted share may be from the true one |
 //! | `bandwidth`, `density` | smooth curves of a return distribution, for plots and tables only |
 //! | `ranking` | the K best of scored candidates |
+//! | `agreement` | how far two rankings agree, whether paired differences have a sign |
+//! | `student` | an interval of the mean of a few independent values, such as pipeline seeds |
 //!
 //! The expected numbers in the tests come from numpy, scipy and KDEpy; `goldens.py` in this folder prints
 //! them.

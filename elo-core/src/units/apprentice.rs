@@ -21,7 +21,7 @@ use crate::task::Task;
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Apprentice {
-    /// How.
+    /// The option learner; one that asks its teacher.
     pub learner: Box<dyn OptionLearner>,
     /// How the recordings came about.
     pub recording: Record,

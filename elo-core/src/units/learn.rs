@@ -13,9 +13,9 @@ use crate::tensors::Tensors;
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Learn {
-    /// How.
+    /// The option learner; one that imitates.
     pub learner: Box<dyn OptionLearner>,
-    /// For which robot.
+    /// The description of the robot.
     pub spec: SimulatorSpec,
     /// Which candidates.
     pub span: Span,

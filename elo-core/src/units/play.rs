@@ -15,11 +15,11 @@ use crate::simulator::SimulatorConfig;
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Play {
-    /// Where.
+    /// The world that they play in.
     pub simulator: Box<dyn SimulatorConfig>,
-    /// Who.
+    /// Who plays, one after the other.
     pub subjects: Vec<Subject>,
-    /// For how long.
+    /// Length, discount and end of a rollout.
     pub horizon: Horizon,
     /// The root of the rollouts' streams: context `j` of subject `n` draws from `seed / n / j`.
     pub seed: Seed,

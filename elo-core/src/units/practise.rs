@@ -18,9 +18,9 @@ use crate::task::TaskDistribution;
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Practise {
-    /// Where.
+    /// The world that it practises in.
     pub simulator: Box<dyn SimulatorConfig>,
-    /// How.
+    /// The option learner; one that practises.
     pub learner: Box<dyn OptionLearner>,
     /// `P`.
     pub tasks: TaskDistribution,
@@ -28,7 +28,7 @@ pub struct Practise {
     pub initial_states: InitialStates,
     /// `K`.
     pub set_size: usize,
-    /// Of its rollouts.
+    /// Length, discount and end of its rollouts.
     pub horizon: Horizon,
     /// The root of its streams.
     pub seed: Seed,

@@ -16,7 +16,7 @@ use rand::RngExt as _;
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Prepare {
-    /// Where.
+    /// The world that the starts are reached in.
     pub simulator: Box<dyn SimulatorConfig>,
     /// Where the tasks come from.
     pub tasks: TaskSource,

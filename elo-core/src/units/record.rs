@@ -21,7 +21,7 @@ use crate::task::Task;
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Record {
-    /// Where.
+    /// The world that teachers are recorded in.
     pub simulator: Box<dyn SimulatorConfig>,
     /// What reads the teachers.
     pub teacher: Box<dyn TeacherConfig>,

@@ -18,11 +18,11 @@ use crate::tensors::Tensors;
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Train {
-    /// Where.
+    /// The world that the teacher practises in.
     pub simulator: Box<dyn SimulatorConfig>,
-    /// How.
+    /// How teachers are trained.
     pub teacher: Box<dyn TeacherConfig>,
-    /// For which task.
+    /// The task that it is to master.
     pub task: Task,
     /// `d0`.
     pub initial_states: InitialStates,
