@@ -78,8 +78,14 @@ fn join(prefix: &str, field: &str) -> String {
     }
 }
 
-/// The name among `known` that `given` was probably meant to be: at most a third of its letters wrong.
-pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+/// The hint that ends a message about an unknown name: the one among `known` that `given` was probably meant to be, in marks `mark`, or
+/// nothing.
+pub fn meant<'a>(given: &str, known: impl IntoIterator<Item = &'a str>, mark: char) -> String {
+    nearest(given, known).map_or(String::new(), |name| format!("; did you mean {mark}{name}{mark}?"))
+}
+
+/// At most a third of its letters are wrong.
+fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     known
         .into_iter()
         .map(|name| (strsim::damerau_levenshtein(given, name), name))
@@ -106,5 +112,7 @@ mod tests {
         let known = ["rapier", "mujoco"];
         assert_eq!(nearest("mujcoo", known), Some("mujoco"));
         assert_eq!(nearest("bullet", known), None);
+        assert_eq!(meant("mujcoo", known, '`'), "; did you mean `mujoco`?");
+        assert_eq!(meant("bullet", known, '`'), "");
     }
 }

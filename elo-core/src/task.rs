@@ -6,7 +6,7 @@ use rand::RngExt as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::fault::{Faults, nearest};
+use crate::fault::{Faults, meant};
 use crate::seed::Stream;
 use crate::spec::SimulatorSpec;
 
@@ -86,8 +86,7 @@ impl TaskDistribution {
         for (name, range) in &self.0 {
             let Some(parameter) = spec.task_parameter(name) else {
                 let known = spec.task_parameters.iter().map(|p| p.name.as_str());
-                let meant =
-                    nearest(name, known.clone()).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
+                let meant = meant(name, known.clone(), '`');
                 let list = known.collect::<Vec<_>>().join(", ");
                 faults.add(name, format!("is no task parameter of {} (it has: {list}){meant}", spec.robot));
                 continue;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use elo_core::fault::{Fault, Faults, nearest};
+use elo_core::fault::{Fault, Faults, meant};
 use mjcf_rs::body::{Body, Geom, GeomType, InertiaSpec, Inertial, Joint, JointType};
 use mjcf_rs::compiler::InertiaFromGeom;
 use mjcf_rs::extras::{Actuator, ActuatorKind};
@@ -260,8 +260,7 @@ fn actuated(
 fn find(bodies: &[BodyModel], field: &str, name: &str, faults: &mut Faults) -> Option<usize> {
     let found = bodies.iter().position(|body| body.name == name);
     faults.check(found.is_some(), field, || {
-        let near = nearest(name, bodies.iter().map(|body| body.name.as_str()));
-        let meant = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+        let meant = meant(name, bodies.iter().map(|body| body.name.as_str()), '`');
         format!("the file has no body `{name}`{meant}")
     });
     found

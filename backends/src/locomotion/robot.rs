@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
 
-use elo_core::fault::{Faults, nearest};
+use elo_core::fault::{Faults, meant};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -218,7 +218,7 @@ fn loaded(description: &RobotDescription) -> Result<RobotModel, String> {
 }
 
 fn unknown(name: &str) -> String {
-    let meant = nearest(name, NAMES).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+    let meant = meant(name, NAMES, '`');
     format!("`{name}` is no robot (expected one of {}){meant}", NAMES.join(", "))
 }
 

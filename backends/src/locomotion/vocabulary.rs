@@ -1,7 +1,7 @@
 //! The words that a robot's MJCF file may use: which attributes each element may have, and which values the attributes
 //! that hold words. What is not here would be ignored by one engine and acted on by another, or is a slip of the pen.
 
-use elo_core::fault::nearest;
+use elo_core::fault::meant;
 
 /// Where an element lies in its parent's frame.
 const FRAME: &[&str] = &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler"];
@@ -131,20 +131,17 @@ pub fn check(element: &str, attribute: &str, value: &str) -> Result<(), String> 
     if let Some((_, own, framed)) = ATTRIBUTES.iter().find(|(name, ..)| *name == element) {
         let known = || own.iter().chain(FRAME.iter().filter(|_| *framed)).copied();
         if !known().any(|name| name == attribute) {
-            return Err(format!("this attribute is not supported{}", meant(attribute, known())));
+            return Err(format!("this attribute is not supported{}", meant(attribute, known(), '`')));
         }
     }
     let choice = CHOICES.iter().find(|(owner, name, _)| (*owner, *name) == (element, attribute));
     match choice {
         Some((.., words)) if !words.contains(&value) => {
-            Err(format!("expected one of {}{}", words.join(", "), meant(value, words.iter().copied())))
+            let meant = meant(value, words.iter().copied(), '`');
+            Err(format!("expected one of {}{meant}", words.join(", ")))
         }
         _ => Ok(()),
     }
-}
-
-fn meant<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> String {
-    nearest(word, known).map_or(String::new(), |near| format!("; did you mean `{near}`?"))
 }
 
 #[cfg(test)]

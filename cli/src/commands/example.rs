@@ -1,7 +1,7 @@
 //! `elo example`: a commented config.
 
 use elo_core::config;
-use elo_core::fault::nearest;
+use elo_core::fault::meant;
 use elo_core::plugin::{Plugin, Role};
 
 use crate::exit::Exit;
@@ -22,8 +22,7 @@ pub fn run(kind: &str, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     if !found.is_empty() {
         return print(&found.join("\n"));
     }
-    let meant = nearest(kind, all().map(|plugin| plugin.kind));
-    let meant = meant.map_or(String::new(), |name| format!("; did you mean `{name}`?"));
+    let meant = meant(kind, all().map(|plugin| plugin.kind), '`');
     Err(Exit::BadInput(format!("no plugin has the kind `{kind}`{meant} (`elo plugins` lists them)")))
 }
 

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 use super::expect::{expected, got, one_of, type_name, width, words};
 use super::schema::{Document, choices, fields, role, tag};
 use super::source::quoted;
-use crate::fault::{Faults, nearest};
+use crate::fault::{Faults, meant};
 
 /// Finds every fault of the config `tree`. Nulls are what `Source` could not convert and has reported.
 pub(super) fn check(document: &Document, tree: &Value, faults: &mut Faults) {
@@ -61,7 +61,7 @@ impl Check<'_> {
         match value.as_str() {
             Some(word) if words.contains(&word) => {}
             word => {
-                let meant = meant(word.and_then(|word| nearest(word, words.iter().copied())), "\"");
+                let meant = word.map_or(String::new(), |word| meant(word, words.iter().copied(), '"'));
                 self.faults.add("", format!("expected {}, got {}{meant}", one_of(words), got(value)));
             }
         }
@@ -143,8 +143,10 @@ impl Check<'_> {
     /// A key that no field has; the best hint is a field that the table does not have yet.
     fn unknown(&mut self, key: &str, named: &Map<String, Value>, table: &Map<String, Value>) {
         let free = named.keys().filter(|name| !table.contains_key(*name));
-        let hint = nearest(key, free.map(String::as_str));
-        let hint = meant(hint.or_else(|| nearest(key, named.keys().map(String::as_str))), "`");
+        let mut hint = meant(key, free.map(String::as_str), '`');
+        if hint.is_empty() {
+            hint = meant(key, named.keys().map(String::as_str), '`');
+        }
         let known: Vec<&str> = named.keys().map(String::as_str).collect();
         let message = match known.as_slice() {
             [] => "is unknown; this table has no fields".to_owned(),
@@ -164,7 +166,7 @@ impl Check<'_> {
             Some(Value::String(kind)) => match self.document.plugin(role, kind) {
                 Some(fields) => self.table(fields, table),
                 None => {
-                    let meant = meant(nearest(kind, kinds), "\"");
+                    let meant = meant(kind, kinds, '"');
                     let kind = got(&table["kind"]);
                     self.faults.add("kind", format!("expected a kind of {role} ({list}), got {kind}{meant}"));
                 }
@@ -220,11 +222,6 @@ impl Check<'_> {
         let document = self.document;
         self.faults.within(field, |faults| Check { document, faults }.value(schema, value));
     }
-}
-
-/// The hint that ends a message.
-fn meant(name: Option<&str>, quote: &str) -> String {
-    name.map_or(String::new(), |name| format!("; did you mean {quote}{name}{quote}?"))
 }
 
 #[cfg(test)]

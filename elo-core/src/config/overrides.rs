@@ -64,7 +64,7 @@ fn apply_one(
     source.overridden(path, number);
     source.unusable.extend(unusable.into_found());
     if let (true, Value::String(before)) = (switch, before) {
-        switch_kind(document, source, &steps[..steps.len() - 1], &before, notices, given);
+        notices.extend(switch_kind(document, source, &steps[..steps.len() - 1], &before, given));
     }
     Ok(())
 }
@@ -134,19 +134,18 @@ fn find<'a>(tree: &'a mut Value, steps: &[Step]) -> Result<&'a mut Value, Fault>
 }
 
 /// After the `kind` of the plugin at `steps` changed from `before`: drops the fields of the file that only
-/// the old kind has, with a notice each. Fields that other overrides wrote stay, to be found by the check.
+/// the old kind has, and returns a notice for each. Fields that other overrides wrote stay, to be found by the check.
 fn switch_kind(
     document: &Document,
     source: &mut Source,
     steps: &[Step],
     before: &str,
-    notices: &mut Vec<String>,
     given: &str,
-) {
-    let Some((role, table)) = plugin_at(document, &mut source.tree, steps) else { return };
+) -> Vec<String> {
+    let Some((role, table)) = plugin_at(document, &mut source.tree, steps) else { return Vec::new() };
     let now = table.get("kind").and_then(Value::as_str).unwrap_or_default().to_owned();
     let known = |kind: &str| document.plugin(role, kind).and_then(fields);
-    let (Some(old), Some(new)) = (known(before), known(&now)) else { return };
+    let (Some(old), Some(new)) = (known(before), known(&now)) else { return Vec::new() };
     let path = spelled(steps);
     let places = &source.places;
     let mut void = Vec::new();
@@ -158,12 +157,11 @@ fn switch_kind(
         }
         keep
     });
-    for field in void {
+    let notice = |field: String| {
         source.forget(&field);
-        notices.push(format!(
-            "`{field}` is ignored: {before} has this field and {now}, chosen by `--set {given}`, has not"
-        ));
-    }
+        format!("`{field}` is ignored: {before} has this field and {now}, chosen by `--set {given}`, has not")
+    };
+    void.into_iter().map(notice).collect()
 }
 
 /// The role and the table of the plugin at `steps`, if there is a plugin.
