@@ -12,6 +12,7 @@ pub mod conformance;
 pub mod context;
 pub mod crew;
 pub mod crosscheck;
+pub mod csv;
 mod desks;
 pub mod discover;
 mod elsewhere;

@@ -25,6 +25,7 @@ use npyz::WriterBuilder as _;
 
 use crate::config;
 use crate::crew::RunError;
+use crate::csv::quoted;
 use crate::discover::{Candidate, ContextSet, Discovery, Origin, Run};
 use crate::option_set::{Manifest, OPTION_SET_FORMAT, OptionEntry, OptionSet};
 use crate::policy::CurvePoint;
@@ -137,7 +138,7 @@ fn candidates_csv(discovery: &Discovery) -> String {
     let choices = &discovery.selection.choices;
     let mut text = "number,teacher,retakes,teacher_return".to_owned();
     for choice in choices {
-        let _ = write!(text, ",\"{}\"", choice.metric.replace('"', "\"\""));
+        let _ = write!(text, ",{}", quoted(&choice.metric));
     }
     text.push('\n');
     for (id, candidate) in discovery.candidates.iter().enumerate() {
@@ -208,8 +209,8 @@ fn list_failures(text: &mut String, table: &str, rows: &[&[Rollout]]) {
 
 /// One line, whatever an engine wrote.
 fn list_failure(text: &mut String, place: &str, reason: &str) {
-    let reason = reason.lines().map(str::trim).collect::<Vec<_>>().join(" | ").replace('"', "\"\"");
-    let _ = writeln!(text, "{place},\"{reason}\"");
+    let reason = reason.lines().map(str::trim).collect::<Vec<_>>().join(" | ");
+    let _ = writeln!(text, "{place},{}", quoted(&reason));
 }
 
 /// The arrays of one table of rollouts. Rows of different lengths (a selector that eliminates) are filled up with NaN

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use elo_core::csv::quoted;
 use elo_core::discover::Run;
 use elo_core::experiment::Experiment;
 use elo_core::experiments::Experiments;
@@ -163,13 +164,10 @@ fn csv(all: &[Reproduced]) -> String {
         let ours = beside.ours.map_or(",,".to_owned(), |i| format!("{},{},{}", i.estimate, i.low, i.high));
         let seeds = beside.seeds.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
         let paper = beside.paper.map_or(String::new(), |value| value.to_string());
-        let note = beside.note.as_deref().unwrap_or_default();
-        let (figure, remark) = (&beside.figure, beside.remark());
+        let (figure, remark) = (quoted(&beside.figure), quoted(beside.remark()));
+        let note = quoted(beside.note.as_deref().unwrap_or_default());
         let comparable = beside.comparable;
-        let _ = writeln!(
-            text,
-            "{robot},\"{figure}\",{ours},{seeds},{paper},{comparable},\"{remark}\",\"{note}\""
-        );
+        let _ = writeln!(text, "{robot},{figure},{ours},{seeds},{paper},{comparable},{remark},{note}");
     }
     text
 }

@@ -18,6 +18,7 @@ use serde::Serialize;
 use super::curve::Crossing;
 use super::tails::TailFigures;
 use super::{Bound, Experiments};
+use crate::csv::quoted;
 use crate::figures::Row;
 use crate::run_dir::{RunDir, RunDirError};
 use crate::statistics::bootstrap::Interval;
@@ -48,10 +49,6 @@ fn ends(name: &str) -> String {
 
 fn interval(Interval { estimate, low, high }: &Interval) -> String {
     format!("{estimate},{low},{high}")
-}
-
-fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.replace('"', "\"\""))
 }
 
 /// The name of an enum's variant, as JSON has it.
