@@ -9,7 +9,7 @@ use elo_core::experiment::Experiment;
 use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::WorkerProgram;
 use elo_core::worker::{WorkerFault, WorkerProcess};
-use elo_core::workers::Workers;
+use elo_core::workers::{STEP_SECONDS, Workers};
 use elo_core::workforce::Hosts;
 
 /// Starts worker programs: our own beside this program, interpreters as the config says.
@@ -33,9 +33,6 @@ pub fn remedy(program: &WorkerProgram) -> &'static str {
         }
     }
 }
-
-/// How long a step may take, for workers that watch their environments.
-const STEP_SECONDS: &str = "ELO_STEP_SECONDS";
 
 /// What an interpreter finds in its environment where whoever runs this program has not set it: sets of strings are in the same
 /// order in each worker, a crash tells the line in Python, what is printed is not lost with its process, and each worker keeps to one core.

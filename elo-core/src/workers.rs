@@ -11,6 +11,9 @@ use serde::{Deserialize, Serialize};
 use crate::fault::Faults;
 use crate::worker::Limits;
 
+/// The variable of its environment that tells a worker [`Workers::step_seconds`].
+pub const STEP_SECONDS: &str = "ELO_STEP_SECONDS";
+
 /// See the [module](self).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]

@@ -4,17 +4,17 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Seconds that a call may take; unset or 0 means that nobody watches.
-const LIMIT: &str = "ELO_STEP_SECONDS";
+use elo_core::workers::STEP_SECONDS;
 
 /// How many calls have begun and have ended: odd while one is under way. A worker does one job at a time, so calls do not overlap.
 static TURNS: AtomicU64 = AtomicU64::new(0);
 
-/// Watches from now on, if this process is a worker with a limit. Only the first call begins a thread.
+/// Watches from now on, if this process is a worker with a limit ([`STEP_SECONDS`] set, and above 0). Only the first call begins a
+/// thread.
 pub fn watch() {
     static WATCHED: OnceLock<()> = OnceLock::new();
     WATCHED.get_or_init(|| {
-        let limit = std::env::var(LIMIT).ok().and_then(|text| text.parse::<f64>().ok()).unwrap_or(0.0);
+        let limit = std::env::var(STEP_SECONDS).ok().and_then(|text| text.parse::<f64>().ok()).unwrap_or(0.0);
         if limit > 0.0 {
             std::thread::spawn(move || patrol(limit));
         }
