@@ -18,8 +18,6 @@ use crate::task::Task;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
-    /// For thresholds and early elimination, before anything is ranked by its tails.
-    Screen,
     /// For ranking candidates.
     Select,
     /// For every figure that is reported: neither candidates nor sets have been chosen by these.
@@ -30,7 +28,6 @@ impl Split {
     /// The split's name in seeds, files and messages.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Screen => "screen",
             Self::Select => "select",
             Self::Report => "report",
         }

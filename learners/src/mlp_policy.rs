@@ -7,15 +7,15 @@ use elo_core::tensors::{TensorError, Tensors};
 
 use crate::normalized_mlp::NormalizedMlp;
 
-/// The tensors of [`NormalizedMlp`] and `horizon` `[1]`, see [`MlpPolicy`].
+/// The tensors of [`NormalizedMlp`] and `horizon` `[1]`, the duration in control steps; see [`MlpPolicy`].
 pub const FORMAT: PolicyFormat = PolicyFormat {
     name: "mlp",
-    summary: "a deterministic network of the normalised observation, with a horizon: observation_mean [O], \
+    summary: "a deterministic network of the normalised observation, with a duration: observation_mean [O], \
               observation_scale [O], layer{i}.weight [in, out], layer{i}.bias [out], horizon [1]",
     load,
 };
 
-/// A closed-loop option: acts by a network's output for its observation and ends after `horizon` steps.
+/// A closed-loop option: acts by a network's output for its observation and ends after a fixed number of control steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MlpPolicy {
     network: NormalizedMlp,
@@ -23,15 +23,15 @@ pub struct MlpPolicy {
 }
 
 impl MlpPolicy {
-    /// The greatest horizon: up to it, `f32` has every whole number.
+    /// The greatest duration in control steps: up to it, `f32` has every whole number.
     pub const MAX_HORIZON: usize = 1 << 24;
 
     /// Follows `network` for `horizon` control steps.
     ///
     /// # Panics
-    /// When the horizon is 0 or more than 2^24.
+    /// When the duration is 0 or more than 2^24 steps.
     pub fn new(network: NormalizedMlp, horizon: usize) -> Self {
-        assert!((1..=Self::MAX_HORIZON).contains(&horizon), "a horizon of {horizon} steps");
+        assert!((1..=Self::MAX_HORIZON).contains(&horizon), "a duration of {horizon} steps");
         Self { network, horizon }
     }
 }
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn horizons_that_are_no_number_of_steps_are_refused() {
+    fn durations_that_are_no_number_of_steps_are_refused() {
         let spec = PointMassConfig::default().description();
         for horizon in [0.0, -1.0, 2.5, 1e9, f32::NAN] {
             let mut tensors = sample().record().tensors;

@@ -6,8 +6,6 @@
 
 use super::summary::{quantile_of_sorted, sample_sd, sorted};
 use super::{StatisticsError, check_result, check_sample};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Bandwidth of a sample without spread, as a share of `max(|x|, 0.001)`.
@@ -25,9 +23,8 @@ const CELLS: usize = 1024;
 /// Highest derivative of the density whose norm starts the recursion of Botev et al.; they call it ℓ.
 const STAGES: i32 = 7;
 
-/// The rules by name, for configs.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
+/// The rules.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum BandwidthRule {
     /// [`silverman`]: robust and quick; smooths the valley between two modes a little.
     #[default]
@@ -267,11 +264,5 @@ mod tests {
         for (got, want) in squared_cosine_coefficients(&[0.1, 0.2, 0.3, 0.4]).iter().zip(want) {
             assert!((got - want).abs() < 1e-14, "got {got}, want {want}");
         }
-    }
-
-    #[test]
-    fn names_in_configs_are_kebab_case() {
-        let rule: BandwidthRule = serde_json::from_str("\"improved-sheather-jones\"").unwrap();
-        assert_eq!(rule, BandwidthRule::ImprovedSheatherJones);
     }
 }

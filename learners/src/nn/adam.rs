@@ -3,17 +3,23 @@
 use rten_simd::{Isa, SimdOp};
 use serde::{Deserialize, Serialize};
 
-/// Adam over one flat parameter vector. Each number is treated alone, so several vectors may share a schedule and have
-/// an optimiser each.
+/// Decay rate of the running mean of the gradient.
+const BETA1: f64 = 0.9;
+
+/// Decay rate of the running mean of the squared gradient.
+const BETA2: f64 = 0.999;
+
+/// What bounds the step of numbers whose gradient is nearly zero: that of the usual PPO programs; the optimiser's own paper has 1e-8.
+const EPSILON: f64 = 1e-5;
+
+/// Adam with β₁ = 0.9, β₂ = 0.999 and ε = 1e-5, over one flat parameter vector. Each number is treated alone, so several
+/// vectors may share a schedule and have an optimiser each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
-    beta1: f64,
-    beta2: f64,
-    epsilon: f64,
     state: AdamState,
 }
 
-/// What a checkpoint must keep of an [`Adam`], apart from its constants.
+/// What a checkpoint must keep of an [`Adam`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AdamState {
@@ -36,35 +42,20 @@ pub struct AdamStateError {
 }
 
 impl Adam {
-    /// For `parameters` numbers, with β₁ = 0.9, β₂ = 0.999, ε = 1e-5 (the ε of the usual PPO programs; the optimiser's
-    /// own paper has 1e-8).
+    /// For `parameters` numbers.
     pub fn new(parameters: usize) -> Self {
         let zeros = vec![0.0; parameters];
         let state = AdamState { steps: 0, first_moments: zeros.clone(), second_moments: zeros };
-        Self::with_defaults(state)
+        Self { state }
     }
 
-    /// Goes on from a checkpoint, with the constants of [`Self::new`].
+    /// Goes on from a checkpoint.
     ///
     /// # Errors
     /// When the two moment vectors differ in length.
     pub fn from_state(state: AdamState) -> Result<Self, AdamStateError> {
         let (first, second) = (state.first_moments.len(), state.second_moments.len());
-        if first == second { Ok(Self::with_defaults(state)) } else { Err(AdamStateError { first, second }) }
-    }
-
-    fn with_defaults(state: AdamState) -> Self {
-        Self { beta1: 0.9, beta2: 0.999, epsilon: 1e-5, state }
-    }
-
-    /// The same with other decay rates of the two running means, both in [0, 1).
-    pub fn with_betas(self, beta1: f64, beta2: f64) -> Self {
-        Self { beta1, beta2, ..self }
-    }
-
-    /// The same with another ε, which bounds the step of numbers whose gradient is nearly zero.
-    pub fn with_epsilon(self, epsilon: f64) -> Self {
-        Self { epsilon, ..self }
+        if first == second { Ok(Self { state }) } else { Err(AdamStateError { first, second }) }
     }
 
     /// What to keep in a checkpoint.
@@ -85,16 +76,16 @@ impl Adam {
         assert_eq!(gradient.len(), params.len(), "length of a gradient");
         state.steps += 1;
         let steps = i32::try_from(state.steps).unwrap_or(i32::MAX);
-        let correction1 = 1.0 - self.beta1.powi(steps);
-        let correction2 = 1.0 - self.beta2.powi(steps);
+        let correction1 = 1.0 - BETA1.powi(steps);
+        let correction2 = 1.0 - BETA2.powi(steps);
         let factors = Factors {
-            keep1: self.beta1 as f32,
-            add1: (1.0 - self.beta1) as f32,
-            keep2: self.beta2 as f32,
-            add2: (1.0 - self.beta2) as f32,
+            keep1: BETA1 as f32,
+            add1: (1.0 - BETA1) as f32,
+            keep2: BETA2 as f32,
+            add2: (1.0 - BETA2) as f32,
             rate: (rate / correction1) as f32,
             scale2: (1.0 / correction2.sqrt()) as f32,
-            epsilon: self.epsilon as f32,
+            epsilon: EPSILON as f32,
         };
         let (first, second) = (&mut state.first_moments, &mut state.second_moments);
         Update { params, gradient, first, second, factors }.dispatch();
@@ -190,17 +181,6 @@ mod tests {
         assert_eq!(state.steps, 2);
         assert!((state.first_moments[0] + 0.055).abs() < 1e-8, "{state:?}");
         assert!((state.second_moments[0] - 0.001_249_75).abs() < 1e-9, "{state:?}");
-    }
-
-    #[test]
-    fn other_constants_are_used() {
-        // First step: m̂ = g and √v̂ = |g| whatever the betas, so p = −1·2/(2 + 2) = −0.5 with ε = 2.
-        let mut adam = Adam::new(1).with_betas(0.5, 0.75).with_epsilon(2.0);
-        let mut p = [0.0];
-        adam.step(&mut p, &[2.0], 1.0);
-        assert!((p[0] + 0.5).abs() < 1e-7, "{p:?}");
-        assert_eq!(adam.state().first_moments, [1.0]);
-        assert_eq!(adam.state().second_moments, [1.0]);
     }
 
     #[test]
