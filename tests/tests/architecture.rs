@@ -3,10 +3,19 @@
 
 use std::path::{Path, PathBuf};
 
-/// Folders that programs make; paths in them need not be there.
+/// Folders that programs make, in the repository's root or in a run directory; paths that begin with them need not be there.
 const MADE: [&str; 6] = ["target", "runs", "results", "units", "checkpoints", "option_sets"];
 
-const TEXTS: [&str; 3] = ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"];
+/// The texts whose paths are looked at: those in the root and the pages of results.
+fn pages() -> Vec<String> {
+    let results = std::fs::read_dir(root().join("docs/results")).expect("the pages of results");
+    let results = results.map(|entry| entry.expect("a page").file_name().to_string_lossy().into_owned());
+    let results = results.filter(|name| name.ends_with(".md")).map(|name| format!("docs/results/{name}"));
+    let mut pages: Vec<String> = results.collect();
+    pages.sort();
+    pages.extend(["README.md", "ARCHITECTURE.md", "CHANGELOG.md"].map(str::to_owned));
+    pages
+}
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace").to_owned()
@@ -28,41 +37,49 @@ fn blocks(markdown: &str, language: &str) -> Vec<String> {
     inside.filter(|(mark, _)| *mark == language).map(|(_, code)| code.to_owned()).collect()
 }
 
-/// Code spans that look like paths, and targets of links inside the repository.
-fn paths(markdown: &str) -> Vec<String> {
+/// Code spans that look like paths, from the repository's root, and targets of links inside it, from `folder`, in which the text lies.
+fn paths(markdown: &str, folder: &str) -> Vec<String> {
     let prose = prose(markdown);
     let looks_like_one = |span: &&str| {
         let named =
             [".md", ".rs", ".toml", ".xml"].iter().any(|end| span.ends_with(end)) && !span.starts_with('.');
-        (span.contains('/') || named) && !span.contains(char::is_whitespace) && !span.starts_with('-')
+        // What is not ASCII is a formula, such as 1/ε.
+        (span.contains('/') || named)
+            && span.is_ascii()
+            && !span.contains(char::is_whitespace)
+            && !span.starts_with('-')
     };
     let spans = prose.split('`').skip(1).step_by(2).filter(looks_like_one);
     let links = prose.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target);
     let links = links.filter(|target| !target.starts_with("http") && !target.starts_with('#'));
-    spans.chain(links).map(str::to_owned).collect()
+    spans.map(str::to_owned).chain(links.map(|target| format!("{folder}{target}"))).collect()
 }
 
 /// The paths of a text that lead nowhere.
-fn dead(markdown: &str) -> Vec<String> {
+fn dead(markdown: &str, folder: &str) -> Vec<String> {
     let made = |path: &String| MADE.iter().any(|folder| path.split('/').next() == Some(folder));
-    paths(markdown).into_iter().filter(|path| !made(path) && !root().join(path).exists()).collect()
+    paths(markdown, folder).into_iter().filter(|path| !made(path) && !root().join(path).exists()).collect()
 }
 
 #[test]
 fn every_path_that_the_texts_name_exists() {
-    for name in TEXTS {
-        let text = read(name);
-        assert_eq!(dead(&text), Vec::<String>::new(), "{name}");
+    let pages = pages();
+    assert!(pages.len() > 8, "{pages:?}");
+    for name in pages {
+        let folder = name.rfind('/').map_or("", |end| &name[..=end]);
+        assert_eq!(dead(&read(&name), folder), Vec::<String>::new(), "{name}");
     }
-    assert!(paths(&read("ARCHITECTURE.md")).len() > 50, "the map names too little to be one");
+    assert!(paths(&read("ARCHITECTURE.md"), "").len() > 50, "the map names too little to be one");
 }
 
 #[test]
 fn dead_paths_are_seen_and_other_spans_are_not_taken_for_paths() {
-    let text = "# Map\n`elo-core/src/lib.rs` and `elo-core/src/phase3.rs`, `a / b`, `--out`, `runs/x`, `simulator.kind=mujoco`\n\
+    let text = "# Map\n`elo-core/src/lib.rs` and `elo-core/src/phase3.rs`, `a / b`, `1/ε`, `--out`, `runs/x`, `simulator.kind=mujoco`\n\
                 ```text\n`not/looked/at`\n```\nsee [there](docs/nothing.md), [here](README.md), [far](https://a.b/c)\n\
                 ```\nnor/this\n```\nand `Missing.toml`\n";
-    assert_eq!(dead(text), ["elo-core/src/phase3.rs", "Missing.toml", "docs/nothing.md"]);
+    assert_eq!(dead(text, ""), ["elo-core/src/phase3.rs", "Missing.toml", "docs/nothing.md"]);
+    // Links are from where the text lies.
+    assert_eq!(dead("[page](teachers.md) and [none](none.md)", "docs/results/"), ["docs/results/none.md"]);
     assert_eq!(blocks("a\n```rust\nlet x = 1;\n```\nb\n```text\nno\n```\n", "rust"), ["let x = 1;"]);
 }
 
@@ -90,7 +107,8 @@ fn texts(folder: &Path) -> Vec<(PathBuf, String)> {
     let inside = |path: PathBuf| {
         let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
         let hidden = name.starts_with('.') && ![".ci", ".cargo", ".gitignore"].contains(&name);
-        if hidden || MADE.contains(&name) {
+        // A folder of the same name deeper down, such as `docs/results`, is the repository's own.
+        if hidden || (folder == root() && MADE.contains(&name)) {
             Vec::new()
         } else if path.is_dir() {
             texts(&path)
