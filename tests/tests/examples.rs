@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use elo_core::config;
 use elo_core::experiment::Experiment;
 use elo_core::fault::{Fault, Faults};
-use elo_core::plugin::Plugin;
+use elo_core::plugin::{Plugin, Role};
 
 const PLUGINS: [&[Plugin]; 4] =
     [elo_core::plugin::PLUGINS, elo_backends::PLUGINS, elo_learners::PLUGINS, own_plugins::PLUGINS];
@@ -63,6 +63,45 @@ fn every_config_is_without_faults_and_shows_itself_as_it_is() {
         let again =
             config::read::<Experiment>(&shown, &path, &[], &PLUGINS).expect("what is shown can be read");
         assert_eq!(config::show(&again.config).expect("it can be written"), shown, "{}", path.display());
+    }
+}
+
+/// What `elo example KIND` prints for `plugin`, and the sections that it leaves out.
+fn whole(plugin: &Plugin) -> Option<String> {
+    let text = config::example(plugin, &PLUGINS)?;
+    let sections = [
+        (Role::Simulator, "[simulator]\nkind = 'point_mass'\n"),
+        (Role::OptionLearner, "[option_learner]\nkind = 'open_loop'\n"),
+        (Role::Metric, "[[metrics]]\nkind = 'maximum_mean'\n"),
+    ];
+    let others = sections.into_iter().filter(|(role, _)| *role != plugin.role).map(|(_, section)| section);
+    Some(format!("seed = 1\n{}{text}", others.collect::<String>()))
+}
+
+#[test]
+fn what_example_prints_of_every_kind_is_a_config_and_names_every_field() {
+    for plugin in PLUGINS.iter().flat_map(|slice| slice.iter()) {
+        let Some(text) = whole(plugin) else { continue };
+        let reading = config::read::<Experiment>(&text, Path::new("example"), &[], &PLUGINS);
+        reading.unwrap_or_else(|error| panic!("{}: {error}\n{text}", plugin.kind));
+    }
+    let of = |kind: &str| PLUGINS.iter().flat_map(|slice| slice.iter()).find(|plugin| plugin.kind == kind);
+    let text = |kind: &str| of(kind).and_then(whole).unwrap_or_else(|| panic!("there is no {kind}"));
+    for (kind, lines) in [
+        ("python", ["#   parameter: ", "#   binding: ", "#     \"price\": ", "#   get: ", "#   set: "]),
+        (
+            "rapier",
+            ["#   torso: ", "#     max_pitch: ", "#     offset: ", "#   feet: ", "# own_robot = { name = …"],
+        ),
+        (
+            "interest",
+            ["#   \"mean\": ", "#   { negative_tail = … }: ", "#     k: ", "#     alpha: ", "risk = "],
+        ),
+    ] {
+        let text = text(kind);
+        for line in lines {
+            assert!(text.lines().any(|other| other.starts_with(line)), "{line} in\n{text}");
+        }
     }
 }
 

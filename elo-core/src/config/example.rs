@@ -6,7 +6,8 @@ use serde_json::{Map, Value};
 use schemars::JsonSchema;
 
 use super::expect::{expected, quote};
-use super::schema::{Document, fields};
+use super::outline::{self, Line};
+use super::schema::{Document, description, fields, role};
 use super::source::{join, quoted};
 use crate::plugin::{Plugin, Role};
 
@@ -121,6 +122,7 @@ impl Writer<'_> {
         self.comment(&comment);
         match value {
             Value::Object(table) => {
+                self.items("value", self.document.settle(schema, value));
                 self.header(path, ("[", "]"));
                 self.table(path, schema, table);
             }
@@ -152,43 +154,87 @@ impl Writer<'_> {
         let followed = document.follow(schema);
         let allowed = expected(document, schema);
         if value.is_null() {
-            self.comment(&format!("Not set; to set it, write {allowed}:"));
-            self.text.push_str(&format!("# {} =\n", quoted(key)));
+            match fields(followed) {
+                Some(fields) => {
+                    self.comment("Not set; to set it, write a table with these fields:");
+                    self.outline(&outline::of_fields(document, followed));
+                    let blank = blank(followed, fields.keys().map(String::as_str));
+                    self.text.push_str(&format!("# {} = {blank}\n", quoted(key)));
+                }
+                None => {
+                    self.comment(&format!("Not set; to set it, write {allowed}:"));
+                    self.outline(&outline::of_choices(document, followed));
+                    self.text.push_str(&format!("# {} =\n", quoted(key)));
+                }
+            }
             return;
         }
         if !PLAIN.contains(&allowed.as_str()) && followed.get("const").is_none() {
             self.comment(&format!("Allowed: {allowed}."));
         }
+        self.outline(&outline::of_choices(document, followed));
+        self.items("item", followed);
         self.text.push_str(&format!("{} = {}\n", quoted(key), inline(followed, value)));
+    }
+
+    /// What the items of a list, or the values under any names, are made of, if they are tables.
+    fn items(&mut self, what: &str, schema: &Value) {
+        let document = self.document;
+        let plugin =
+            schema.get("items").map(|each| document.follow(each)).filter(|each| role(each).is_some());
+        if let Some(plugin) = plugin {
+            self.comment(&format!("Each {what} is {}.", expected(document, plugin)));
+        } else if let Some(item) = outline::item(document, schema) {
+            self.comment(&format!("Each {what} is a table with these fields:"));
+            self.outline(&outline::of_fields(document, item));
+        }
     }
 
     /// `text` as comment lines, wrapped; blank lines stay.
     fn comment(&mut self, text: &str) {
-        // Links to other items mean nothing outside rustdoc.
-        let text = text.replace("[`", "`").replace("`]", "`");
         for paragraph in text.split("\n\n").filter(|paragraph| !paragraph.trim().is_empty()) {
-            let mut line = String::from("#");
-            for word in paragraph.split_whitespace() {
-                if line.len() > 1 && line.chars().count() + 1 + word.chars().count() > WIDTH {
-                    self.text.push_str(&line);
-                    self.text.push('\n');
-                    line.truncate(1);
-                }
-                line.push(' ');
-                line.push_str(word);
-            }
-            self.text.push_str(&line);
-            self.text.push('\n');
+            self.wrapped(paragraph, 0, 0);
         }
+    }
+
+    /// Comment lines, each further to the right the deeper it is.
+    fn outline(&mut self, lines: &[Line]) {
+        for Line { depth, text } in lines {
+            self.wrapped(text, 2 * depth, 2 * depth + 2);
+        }
+    }
+
+    /// One paragraph as comment lines: the first has `first` spaces more before it, the others `rest`.
+    fn wrapped(&mut self, paragraph: &str, first: usize, rest: usize) {
+        // Links to other items mean nothing outside rustdoc.
+        let paragraph = paragraph.replace("[`", "`").replace("`]", "`");
+        let start = |spaces: usize| format!("#{}", " ".repeat(spaces));
+        let (mut line, mut empty) = (start(first), true);
+        for word in paragraph.split_whitespace() {
+            if !empty && line.chars().count() + 1 + word.chars().count() > WIDTH {
+                self.text.push_str(&line);
+                self.text.push('\n');
+                line = start(rest);
+            }
+            line.push(' ');
+            line.push_str(word);
+            empty = false;
+        }
+        self.text.push_str(&line);
+        self.text.push('\n');
     }
 }
 
-fn description(schema: &Value) -> Option<String> {
-    schema.get("description").and_then(Value::as_str).map(str::to_owned)
+/// A table to be filled in, with those of the fields `names` that must be there.
+fn blank<'a>(schema: &Value, names: impl Iterator<Item = &'a str>) -> String {
+    let required = schema.get("required").and_then(Value::as_array);
+    let is_required = |name: &&str| required.is_some_and(|required| required.iter().any(|r| r == name));
+    let fields: Vec<String> = names.filter(is_required).map(|name| format!("{} = …", quoted(name))).collect();
+    if fields.is_empty() { "{}".to_owned() } else { format!("{{ {} }}", fields.join(", ")) }
 }
 
 /// A value on one line of TOML, in the fewest digits that read back to it.
-fn inline(schema: &Value, value: &Value) -> String {
+pub(super) fn inline(schema: &Value, value: &Value) -> String {
     match value {
         Value::Number(number) => match number.as_f64().filter(|_| number.is_f64()) {
             Some(number) if schema.get("format").and_then(Value::as_str) == Some("float") => {
@@ -218,9 +264,10 @@ fn inline(schema: &Value, value: &Value) -> String {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
+    use std::collections::BTreeMap;
     use std::path::Path;
 
-    use super::super::fixture::{ALL, Toy};
+    use super::super::fixture::{ALL, AtFall, Inner, Toy};
     use super::super::read;
     use super::*;
 
@@ -268,9 +315,14 @@ pair = [0.9, 1e-8]
 layers = [\"tanh\"]
 # A choice with fields.
 # Allowed: a table with `rule`, one of \"never\", \"after\".
+#   rule = \"never\": No fields.
+#   rule = \"after\": One field.
+#     steps: Control steps. An integer of at least 0.
 rule = { rule = \"after\", steps = 3 }
 # A choice around fields.
 # Allowed: \"standard\" or { seed = … }.
+#   \"standard\": No fields.
+#   { seed = … }: Numbered.
 start = { seed = 18446744073709551615 }
 # A truth.
 quick = true
@@ -287,6 +339,83 @@ name = \"π \\\"x\\\" \\\\ \\n\\U0000007F\\U0000202E\"
 offset = -3
 ";
         assert_eq!(text, expected);
+    }
+
+    /// A config whose values show little.
+    #[derive(Serialize, JsonSchema)]
+    struct Sparse {
+        /// Made of these.
+        parts: Vec<Part>,
+        /// One more, or none.
+        spare: Option<Part>,
+        /// By any names.
+        named: BTreeMap<String, Part>,
+        /// What of a table that has all it needs.
+        inner: Option<Inner>,
+    }
+
+    /// A part.
+    #[derive(Serialize, JsonSchema)]
+    struct Part {
+        /// What it is called.
+        name: String,
+        /// In kg.
+        #[serde(default = "half")]
+        #[schemars(range(min = 0.0))]
+        mass: f64,
+        /// Parts of it.
+        #[serde(default)]
+        limits: Vec<Limit>,
+        /// What to do with it at a fall.
+        at_fall: Option<AtFall>,
+    }
+
+    #[derive(Serialize, JsonSchema)]
+    struct Limit {
+        /// The greatest value.
+        high: f64,
+    }
+
+    fn half() -> f64 {
+        0.5
+    }
+
+    #[test]
+    fn what_is_left_out_is_explained_by_its_schema() {
+        let config = Sparse { parts: Vec::new(), spare: None, named: BTreeMap::new(), inner: None };
+        let text = example_root(&config, ALL).unwrap();
+        let part = "\
+#   name: What it is called. Text.
+#   mass: In kg. A number of at least 0.0; 0.5 by default.
+#   limits: Parts of it. A list; [] by default.
+#     high: The greatest value. A number.
+#   at_fall: What to do with it at a fall. One of \"stop\", \"continue\"; may be left out.
+#     \"stop\": End.
+#     \"continue\": Do not.
+";
+        let expected = format!(
+            "\
+# A config whose values show little.
+
+# Made of these.
+# Each item is a table with these fields:
+{part}parts = []
+# One more, or none.
+# Not set; to set it, write a table with these fields:
+{part}# spare = {{ name = … }}
+# What of a table that has all it needs.
+# Not set; to set it, write a table with these fields:
+#   name: A text with all that needs escapes. Text; \"π \\\"x\\\" \\\\ \\n\\U0000007F\\U0000202E\" by default.
+#   offset: A signed integer. An integer; -3 by default.
+# inner = {{}}
+
+# By any names.
+# Each value is a table with these fields:
+{part}[named]
+"
+        );
+        assert_eq!(text, expected);
+        text.parse::<toml::Table>().unwrap();
     }
 
     #[test]

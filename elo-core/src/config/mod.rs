@@ -29,6 +29,7 @@ mod example;
 mod expect;
 #[cfg(test)]
 mod fixture;
+mod outline;
 mod overrides;
 mod schema;
 mod source;

@@ -139,6 +139,11 @@ pub(super) fn tag<'a>(document: &'a Document, choices: &[&'a Value]) -> Option<(
     fields_of(choices.first()?)?.keys().find_map(tag)
 }
 
+/// What `schema` says of itself.
+pub(super) fn description(schema: &Value) -> Option<String> {
+    schema.get("description").and_then(Value::as_str).map(str::to_owned)
+}
+
 /// The fields that a table of `schema` can have, in the order of the struct.
 pub(super) fn fields(schema: &Value) -> Option<&Map<String, Value>> {
     schema.get("properties")?.as_object()
