@@ -5,7 +5,7 @@ use std::path::Path;
 use elo_core::crew::{Crew, RunError};
 use elo_core::discover::Run;
 use elo_core::experiment::Experiment;
-use elo_core::fault::nearest;
+use elo_core::fault::meant;
 use elo_core::plugin::{Plugin, Role};
 use elo_core::results;
 use toml::{Table, Value};
@@ -63,8 +63,7 @@ fn on_simulator(config: &Path, simulator: &str, plugins: &[&[Plugin]]) -> Result
             .map(|plugin| plugin.kind)
             .collect();
         if !kinds.contains(&simulator) {
-            let hint = nearest(simulator, kinds.iter().copied())
-                .map_or(String::new(), |k| format!("; did you mean `{k}`?"));
+            let hint = meant(simulator, kinds.iter().copied(), '`');
             return Err(Exit::BadInput(format!(
                 "--simulator {simulator}: expected a kind of simulator ({}) or a TOML file{hint}",
                 kinds.join(", ")
