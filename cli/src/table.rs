@@ -8,6 +8,7 @@ use elo_core::crosscheck::{Crosscheck, Difference};
 use elo_core::evaluate::Evaluation;
 use elo_core::figures::{Comparison, Row};
 use elo_core::metric::Reference;
+use elo_core::parts::OptionPart;
 use elo_core::report::Report;
 use elo_core::reprice::Repriced;
 use elo_core::returns::Scale;
@@ -45,6 +46,7 @@ pub fn report(report: &Report, confidence: f64) -> String {
             let Some(teacher) = option.teacher else { continue };
             line(&mut text, NAMES, &format!("  {} (teacher {teacher})", option.row.name), &option.row);
         }
+        text.push_str(&parts(&set.parts));
         comparisons(&mut text, &set.against);
     }
     let _ = writeln!(text, "\nin the same contexts");
@@ -56,6 +58,20 @@ pub fn report(report: &Report, confidence: f64) -> String {
         let _ = writeln!(text, "warning: {warning}");
     }
     text
+}
+
+/// How a set's options divide its states, and how long they last.
+fn parts(parts: &[OptionPart]) -> String {
+    if parts.is_empty() {
+        return String::new();
+    }
+    let mut sorted = parts.to_vec();
+    sorted.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let list = |number: fn(&OptionPart) -> String| sorted.iter().map(number).collect::<Vec<_>>().join(", ");
+    let (shares, steps) = (list(|part| percent(part.share, 0)), list(|part| format!("{:.1}", part.steps)));
+    format!(
+        "its options are drawn in {shares} % of the states it comes through, and last {steps} steps on average\n"
+    )
 }
 
 /// What the sets were chosen from.

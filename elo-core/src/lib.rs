@@ -28,6 +28,7 @@ pub mod key;
 pub mod measured;
 pub mod metric;
 pub mod option_set;
+pub mod parts;
 pub mod performer;
 pub mod plugin;
 pub mod policy;

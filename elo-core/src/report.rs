@@ -11,6 +11,7 @@ use crate::discover::{Candidate, ContextSet, Discovery, Origin, Run, Teacher, du
 use crate::experiment::TeacherActs;
 use crate::figures::{Comparison, Row, Sample, Yardstick};
 use crate::metric::Reference;
+use crate::parts::OptionPart;
 use crate::performer::{Performer, PerformerRole};
 use crate::policy::Way;
 use crate::returns::Scale;
@@ -110,6 +111,9 @@ pub struct SetReport {
     pub row: Row,
     /// The set against each baseline, context by context.
     pub against: Vec<Comparison>,
+    /// What each option does in a set that was learned as a whole; empty for other sets, which draw options alike.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<OptionPart>,
 }
 
 impl SetReport {
@@ -323,7 +327,13 @@ impl View<'_> {
             };
             Ok(OptionReport { number: candidate.number, teacher, selection_score: selection_score(*id), row })
         };
+        let whole = choice.chosen.first().map(|id| &self.discovery.candidates[*id]);
+        let parts = match whole.filter(|candidate| matches!(candidate.origin, Origin::Practice { .. })) {
+            Some(candidate) => self.run.parts(candidate, self.contexts)?,
+            None => Vec::new(),
+        };
         Ok(SetReport {
+            parts,
             metric: choice.metric.clone(),
             options: choice.chosen.iter().map(option).collect::<Result<_, RunError>>()?,
             selection_score: mean(&scores)?,

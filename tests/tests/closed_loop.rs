@@ -133,6 +133,10 @@ fn each_metric_picks_one_set_and_files_keep_it_together() {
         assert_eq!((option.policy.as_str(), option.selection_score), ("interest", best.selection_score));
     }
     assert!(ran.stdout.contains("3 candidate sets learned by practice"), "{ran}");
+    let parts = &report.sets[0].parts;
+    assert!(parts.len() == 2 && parts.iter().all(|part| part.steps >= 1.0), "{parts:?}");
+    assert!((parts.iter().map(|part| part.share).sum::<f64>() - 1.0).abs() < 1e-9, "{parts:?}");
+    assert_eq!(ran.stdout.matches("its options are drawn in").count(), report.sets.len(), "{ran}");
 
     let practice = std::fs::read_to_string(out.join("results/practice.csv")).unwrap();
     assert_eq!(practice.lines().count(), 1 + 3 * 8, "{practice}");

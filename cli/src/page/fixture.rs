@@ -91,6 +91,7 @@ fn report(sizes: Sizes) -> Report {
                 difference: interval(i + 70, [6.0, 11.0, 0.0, -100.0][i]),
             })
             .collect(),
+        parts: Vec::new(),
     });
     Report {
         format: REPORT_FORMAT,

@@ -1,13 +1,14 @@
 //! Each chosen option by itself.
 
+use elo_core::parts::OptionPart;
 use elo_core::report::{OptionReport, SetReport};
 use maud::{Markup, html};
 
-use super::cells::{At, figure, number, share};
+use super::cells::{At, figure, number, number_cell, share, table};
 use super::chart::padded;
 use super::distributions::small;
 use super::sheet::{Part, Section, Sheet};
-use crate::format::{RETURN_DIGITS, SCORE_DIGITS};
+use crate::format::{RETURN_DIGITS, SCORE_DIGITS, SHARE_DIGITS};
 
 /// The section.
 pub fn section(sheet: &mut Sheet<'_>) -> Section {
@@ -43,7 +44,27 @@ fn of_set(sheet: &mut Sheet<'_>, set: &SetReport, at: &At) -> Markup {
             card(sheet, option, plot.as_ref(), &at.then("options").then(position))
         })
         .collect();
-    html! { @for card in &cards { (card) } }
+    html! {
+        @for card in &cards { (card) }
+        @if !set.parts.is_empty() { (parts(&set.parts, &at.then("parts"))) }
+    }
+}
+
+/// What the options of a set that was learned as a whole do in it.
+fn parts(parts: &[OptionPart], at: &At) -> Markup {
+    table(
+        "Its options",
+        &["option", "share of draws", "steps it lasts"],
+        &html! {
+            @for (option, part) in parts.iter().enumerate() {
+                tr {
+                    th scope="row" { (option) }
+                    (number_cell(part.share, SHARE_DIGITS, &at.then(option).then("share")))
+                    (number_cell(part.steps, RETURN_DIGITS, &at.then(option).then("steps")))
+                }
+            }
+        },
+    )
 }
 
 fn card(sheet: &Sheet<'_>, option: &OptionReport, plot: Option<&Markup>, at: &At) -> Markup {
