@@ -67,10 +67,17 @@ fn parts(parts: &[OptionPart]) -> String {
     }
     let mut sorted = parts.to_vec();
     sorted.sort_by(|a, b| b.share.total_cmp(&a.share));
-    let list = |number: fn(&OptionPart) -> String| sorted.iter().map(number).collect::<Vec<_>>().join(", ");
-    let (shares, steps) = (list(|part| percent(part.share, 0)), list(|part| format!("{:.1}", part.steps)));
+    let list = |number: fn(&OptionPart) -> String| {
+        let mut all: Vec<String> = sorted.iter().map(number).collect();
+        if all.iter().all(|one| *one == all[0]) {
+            all.truncate(1);
+        }
+        all.join(", ")
+    };
+    let shares = list(|part| format!("{} %", percent(part.share, 0)));
+    let steps = list(|part| format!("{:.1}", part.steps));
     format!(
-        "its options are drawn in {shares} % of the states it comes through, and last {steps} steps on average\n"
+        "its options are drawn in {shares} of the states it comes through, and last {steps} steps on average\n"
     )
 }
 

@@ -15,7 +15,7 @@ use crate::commands::films::films;
 use crate::exit::Exit;
 use crate::load::{config_of_run, read_text};
 use crate::output::print;
-use crate::page::{CandidateRow, FailureRow, Page, PageData, RunData, render};
+use crate::page::{CandidateRow, Page, PageData, RunData, render};
 
 /// Films what the replay shows, then writes the page and its plots.
 pub fn run(arguments: &arguments::Report, plugins: &[&[Plugin]]) -> Result<(), Exit> {
@@ -77,6 +77,7 @@ fn read(folder: &Path) -> Result<RunData, Exit> {
     let path = config_of_run(folder)?;
     let config = read_text(&path)?;
     let results = folder.join("results");
+    let practice = results.join("practice.csv");
     let report: Report = json(&results.join("report.json"), Some(REPORT_FORMAT))?;
     let plan = toml::from_str(&config).map_err(|error| bad(&path, &error.message().to_owned()))?;
     let name = fs::canonicalize(folder)
@@ -89,7 +90,8 @@ fn read(folder: &Path) -> Result<RunData, Exit> {
         config,
         provenance: json(&folder.join(PROVENANCE), None)?,
         candidates: candidates(&results.join("candidates.csv"), report.sets.len())?,
-        failures: failures(&results.join("failures.csv"))?,
+        failures: rows(&results.join("failures.csv"))?,
+        practice: if practice.exists() { rows(&practice)? } else { Vec::new() },
         experiments: optional(&results.join("experiments.json"), Some(EXPERIMENTS_FORMAT))?,
         crosscheck: optional(&results.join("crosscheck.json"), None)?,
         replays: Vec::new(),
@@ -132,7 +134,8 @@ fn candidates(path: &Path, metrics: usize) -> Result<Vec<CandidateRow>, Exit> {
     Ok(rows)
 }
 
-fn failures(path: &Path) -> Result<Vec<FailureRow>, Exit> {
+/// The lines of a table with a heading.
+fn rows<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, Exit> {
     let mut reader = csv::Reader::from_path(path).map_err(|error| bad(path, &error))?;
     reader.deserialize().collect::<Result<_, _>>().map_err(|error| bad(path, &error))
 }

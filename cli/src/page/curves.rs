@@ -10,18 +10,27 @@ use maud::{Markup, html};
 
 use super::cells::{At, cell, table};
 use super::chart::{Chart, colour, csv, layout, nice_step, nth_colour, padded, steps_format};
+use super::practice;
 use super::sheet::{Part, Section, Sheet};
 use super::summary::crossing;
 use crate::format::RETURN_DIGITS;
 
 /// The section.
 pub fn section(sheet: &mut Sheet<'_>) -> Section {
-    let body = match &sheet.run.experiments {
-        None => sheet.absent("The learning curve was", Part::Experiments),
+    let practised = practice::plot(sheet);
+    let of_teachers = match &sheet.run.experiments {
+        None => sheet.absent("The teachers' learning curve was", Part::Experiments),
         Some(found) if found.curve.is_empty() => html! {
             p.absent { "This run has no teacher, or one that keeps no policies on its way, so there is no learning curve: `teacher.snapshots` sets how many a PPO keeps." }
         },
         Some(found) => whole(sheet, found),
+    };
+    let body = html! {
+        @if let Some(plot) = practised {
+            p { "What the infant agent earned while each set was learned, in the tasks and starts of its practice, where it acts as it does afterwards." }
+            (plot)
+        }
+        (of_teachers)
     };
     Section { id: "curves", title: "Learning curves", body }
 }

@@ -32,12 +32,27 @@ pub struct RunData {
     pub candidates: Vec<CandidateRow>,
     /// `results/failures.csv`.
     pub failures: Vec<FailureRow>,
+    /// `results/practice.csv`; empty where no set was learned by practice.
+    pub practice: Vec<PracticeRow>,
     /// `results/experiments.json`, if there is one.
     pub experiments: Option<Experiments>,
     /// `results/crosscheck.json`, if there is one.
     pub crosscheck: Option<Crosscheck>,
     /// Films, engine by engine.
     pub replays: Vec<Replay>,
+}
+
+/// What the infant agent with one set earned in an iteration of its practice.
+#[derive(Clone, Copy, Debug, serde::Deserialize)]
+pub struct PracticeRow {
+    /// The set's number.
+    pub candidate: usize,
+    /// Control steps until then.
+    pub steps: f64,
+    /// Mean return of the rollouts; none where none was whole.
+    pub mean_return: Option<f64>,
+    /// Their mean length in control steps.
+    pub mean_length: Option<f64>,
 }
 
 /// The fields of a config that the page speaks of.

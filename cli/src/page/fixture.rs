@@ -276,6 +276,7 @@ pub fn run(sizes: Sizes) -> RunData {
                 scores: vec![Some(0.2 + 0.1 * noise(number)); METRICS.len()],
             })
             .collect(),
+        practice: Vec::new(),
         failures: vec![FailureRow {
             table: "select".to_owned(),
             row: 1,

@@ -5,7 +5,7 @@
 //! | `data` | what a page is made of |
 //! | `sheet` | one run on its way to the page |
 //! | `chart`, `cells` | plots and figures, as all sections draw and write them |
-//! | `summary`, `distributions`, `tables`, `tails`, `curves`, `gallery`, `scores`, `engines`, `replay`, `appendix` | a section each |
+//! | `summary`, `distributions`, `tables`, `tails`, `curves` (with `practice`), `gallery`, `scores`, `engines`, `replay`, `appendix` | a section each |
 //! | `compare` | several runs side by side |
 //! | `style.css`, `page.js`, `replay.js` | how it looks and moves |
 
@@ -20,6 +20,7 @@ mod engines;
 #[cfg(test)]
 mod fixture;
 mod gallery;
+mod practice;
 mod replay;
 mod scores;
 mod sheet;
@@ -33,7 +34,7 @@ use localgpt_world_export::html::{ORBIT_CONTROLS_JS, THREE_MODULE_JS, THREE_VERS
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 pub use chart::Figure;
-pub use data::{CandidateRow, FailureRow, PageData, RunData};
+pub use data::{CandidateRow, PageData, RunData};
 
 use chart::COLOURS;
 use sheet::{Section, Sheet};

@@ -134,7 +134,7 @@ mod tests {
                 spec.reward_floor = 1e6;
             }
             let mass = PointMassConfig::default().build()?;
-            Ok(Box::new(Wrong { how: *self, spec, mass, steps: 0 }))
+            Ok(Box::new(Wrong { how: *self, spec, mass, episodes: 0, steps: 0 }))
         }
     }
 
@@ -142,6 +142,7 @@ mod tests {
         how: Amiss,
         spec: SimulatorSpec,
         mass: Box<dyn Simulator>,
+        episodes: usize,
         steps: usize,
     }
 
@@ -150,6 +151,7 @@ mod tests {
             &self.spec
         }
         fn reset(&mut self, task: &Task, start: &Start, seen: &mut [f32]) -> Result<(), SimulatorError> {
+            (self.episodes, self.steps) = (self.episodes + 1, 0);
             self.mass.reset(task, start, seen)
         }
         fn step(
@@ -163,7 +165,7 @@ mod tests {
             match (self.how, self.steps) {
                 (Amiss::Nan, 4) => terms[0] = f64::NAN,
                 (Amiss::Noise, 3) => seen[0] += NOISE.fetch_add(1, Ordering::SeqCst) as f32,
-                (Amiss::Wear, 25..) => seen[0] += 1.0,
+                (Amiss::Wear, 5) if self.episodes > 1 => seen[0] += 1.0,
                 (Amiss::Short, 2) => return Ok(End::Terminated),
                 _ => {}
             }
