@@ -177,7 +177,7 @@ fn a_simulator_that_always_gives_nan_is_reported_and_one_that_seldom_fails_is_bo
     match train_on(&worlds::Fragile { mean_life: 1 }, &small(), &mut Unwatched).unwrap_err() {
         TrainError::Diverged { reason, .. } => {
             assert!(reason.contains("the simulator failed in 11 of"), "{reason}");
-            assert!(reason.contains("reward term is not finite"), "{reason}");
+            assert!(reason.contains("which is not finite"), "{reason}");
         }
         other => panic!("{other}"),
     }
