@@ -53,7 +53,7 @@ pub fn ready_to_run(experiment: &Experiment) -> Result<(), Exit> {
     rehearse(experiment)
 }
 
-/// Plays a short episode in an environment of the user, twice. Engines of this project have been through more than that.
+/// Tries an environment of the user in a short episode. Engines of this project have been through more than that.
 pub fn rehearse(experiment: &Experiment) -> Result<(), Exit> {
     let Some(hosted) = experiment.simulator.hosted().filter(|hosted| hosted.needs_description()) else {
         return Ok(());
@@ -72,7 +72,7 @@ pub fn rehearse(experiment: &Experiment) -> Result<(), Exit> {
         let place = if step == 0 { "its reset".to_owned() } else { format!("step {step}") };
         print_error(&format!(
             "warning: `simulator`: the same seed and actions gave another episode, from {place} on. Results cannot be repeated, and \
-             figures from the same contexts are not.\n{ALL_RULES}"
+             contexts that are called the same are not.\n{ALL_RULES}"
         ));
     }
     Ok(())
