@@ -171,16 +171,8 @@ impl OptionSet {
             return Err(OptionSetError::Mismatch(format!("{difference} (set against simulator)")));
         }
         let policy = |(index, record): (usize, &PolicyRecord)| {
-            let format = formats.iter().find(|format| format.name == record.format).ok_or_else(|| {
-                let known: Vec<&str> = formats.iter().map(|format| format.name).collect();
-                let known = known.join(", ");
-                OptionSetError::Mismatch(format!(
-                    "no plugin reads policies of format `{}` ({known})",
-                    record.format
-                ))
-            })?;
             let fault = |error| OptionSetError::Mismatch(format!("option {index}: {error}"));
-            (format.load)(&record.tensors, spec).map_err(fault)
+            record.policy(spec, formats).map_err(fault)
         };
         self.options.iter().enumerate().map(policy).collect()
     }

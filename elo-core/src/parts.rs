@@ -33,18 +33,12 @@ impl Run<'_> {
         let Traced::Rollouts(seen) = self.observations(&[Performer::candidate(candidate)], contexts)? else {
             return Ok(Vec::new());
         };
-        let formats = &self.crew.staff.formats;
         let options = self
             .options(candidate)?
             .iter()
-            .map(|record| {
-                let format = formats.iter().find(|format| format.name == record.format);
-                let format = format
-                    .ok_or_else(|| format!("no plugin reads policies of format `{}`", record.format))?;
-                (format.load)(&record.tensors, &self.spec).map_err(|error| error.to_string())
-            })
-            .collect::<Result<Vec<_>, String>>()
-            .map_err(RunError::Config)?;
+            .map(|record| record.policy(&self.spec, &self.crew.staff.formats))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|error| RunError::Config(error.to_string()))?;
         let longest = self.experiment.discover.steps as f64;
         Ok(parts(&options, seen.concat().chunks_exact(self.spec.observation_size), longest))
     }

@@ -61,6 +61,40 @@ pub struct PolicyRecord {
     pub tensors: Tensors,
 }
 
+impl PolicyRecord {
+    /// The running policy for a robot of this spec, read by one of `formats`.
+    ///
+    /// # Errors
+    /// None of `formats` has the record's name; tensors of another shape.
+    pub fn policy(
+        &self,
+        spec: &SimulatorSpec,
+        formats: &[PolicyFormat],
+    ) -> Result<Box<dyn OptionPolicy>, UnreadablePolicy> {
+        let format = formats.iter().find(|format| format.name == self.format).ok_or_else(|| {
+            let known = formats.iter().map(|format| format.name).collect::<Vec<_>>().join(", ");
+            UnreadablePolicy::Format { format: self.format.clone(), known }
+        })?;
+        Ok((format.load)(&self.tensors, spec)?)
+    }
+}
+
+/// Why a record is no policy here.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum UnreadablePolicy {
+    /// No plugin knows its format.
+    #[error("no plugin reads policies of format `{format}` ({known})")]
+    Format {
+        /// The record's.
+        format: String,
+        /// Those that plugins read.
+        known: String,
+    },
+    /// Tensors of another shape.
+    #[error(transparent)]
+    Tensors(#[from] TensorError),
+}
+
 /// How option policies of one kind are stored. Any number of learners may write one format.
 #[derive(Clone, Copy)]
 pub struct PolicyFormat {

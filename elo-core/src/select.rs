@@ -268,13 +268,40 @@ mod tests {
         }
     }
 
+    /// The mean of returns of 2 and more; no number where there are none.
+    #[derive(Debug, Serialize, Deserialize)]
+    struct MeanOfTheGood {}
+
+    #[typetag::serde(name = "test_mean_of_the_good")]
+    impl Metric for MeanOfTheGood {
+        fn label(&self) -> String {
+            "mean_of_the_good".to_owned()
+        }
+        fn validate(&self, _: &mut Faults) {}
+        fn rollout_score(&self, value: f64, _: &Reference) -> f64 {
+            value
+        }
+        fn score(&self, returns: &[f64], _: &Reference) -> f64 {
+            let good: Vec<f64> = returns.iter().copied().filter(|value| *value >= 2.0).collect();
+            good.iter().sum::<f64>() / good.len() as f64
+        }
+    }
+
     fn select(
         rows: &[&[Option<f64>]],
         set_size: usize,
         failures: FailureRule,
     ) -> Result<Selection, SelectError> {
-        let metrics: Vec<Box<dyn Metric>> =
-            vec![Box::new(MaximumMean {}), Box::new(NegativeTail { k: 10.0, alpha: 0.5 })];
+        select_by(Box::new(NegativeTail { k: 10.0, alpha: 0.5 }), rows, set_size, failures)
+    }
+
+    fn select_by(
+        second: Box<dyn Metric>,
+        rows: &[&[Option<f64>]],
+        set_size: usize,
+        failures: FailureRule,
+    ) -> Result<Selection, SelectError> {
+        let metrics: Vec<Box<dyn Metric>> = vec![Box::new(MaximumMean {}), second];
         let scaling = ReturnScaling { normaliser: Normaliser::None, ..ReturnScaling::default() };
         let scoring = Scoring {
             judge: &Here,
@@ -329,6 +356,17 @@ mod tests {
         ));
         let strict = FailureRule { max_share: 0.03, ..FailureRule::default() };
         assert!(select(&[&fragile, STEADY, POOR], 2, strict).is_err());
+    }
+
+    #[test]
+    fn scores_that_are_no_numbers_are_not_chosen_and_said() {
+        let by_the_good = |rows, size| select_by(Box::new(MeanOfTheGood {}), rows, size, FailureRule::default());
+        let selection = by_the_good(&[POOR, STEADY, RISKY], 1).unwrap();
+        assert_eq!(selection.choices[1].chosen, [2]);
+        let told = "mean_of_the_good: the scores of 1 of 3 candidates are no numbers";
+        assert!(selection.warnings.iter().any(|warning| warning == told), "{:?}", selection.warnings);
+        let few = by_the_good(&[POOR, STEADY], 2).unwrap();
+        assert_eq!(few.choices[1].chosen, [1], "less than asked for, rather than one without a number");
     }
 
     #[test]

@@ -15,7 +15,7 @@ use elo_core::reprice::Repriced;
 use elo_core::returns::SetValue;
 use elo_tests::folders::names;
 use elo_tests::programs::{Ran, elo_with, run, write};
-use elo_tests::toy::{TOY, toy_with};
+use elo_tests::toy::{TOY, experiment, toy_with};
 
 /// [`TOY`] with another learner beside its own.
 fn config() -> String {
@@ -205,6 +205,9 @@ fn what_cannot_be_priced_compared_or_reproduced_is_refused() {
     );
     refused(&["reprice", "--tasks", "mass=1..2"], &[&out], "`mass` changes how the robot moves");
     refused(&["compare"], &[&out, &nowhere], "is no run directory");
+    let steps = format!("steps = {}", experiment(TOY).discover.steps);
+    let (shorter, _) = finished(folder.path(), "shorter", &toy_with(&[(&steps, "steps = 5")]));
+    refused(&["compare"], &[&out, &shorter], "(of `[discover]`) are not comparable");
     refused(&["experiments"], &[&nowhere], "`elo discover CONFIG --out DIRECTORY` makes one");
     std::fs::remove_file(out.join("results/experiment.toml")).unwrap();
     refused(&["experiments"], &[&out], "this run is not finished");

@@ -178,7 +178,7 @@ impl Subject {
                     let records = learn::decode(input(inputs, place.input)?)?;
                     let record = records.into_iter().nth(place.item).flatten();
                     let record = record.ok_or_else(|| WorkError::Failed("no such option".to_owned()))?;
-                    (site.format(&record.format)?.load)(&record.tensors, spec).map_err(failed)
+                    record.policy(spec, &site.formats).map_err(|error| WorkError::Failed(error.to_string()))
                 };
                 let options = options.iter().map(load).collect::<Result<_, _>>()?;
                 Cast::Options { options, primitive_probability: *primitive_probability }

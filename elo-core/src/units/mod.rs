@@ -236,13 +236,6 @@ impl Site {
         }
         Ok(self.simulators.get_mut(name).expect("it was put there").as_mut())
     }
-
-    fn format(&self, name: &str) -> Result<PolicyFormat, WorkError> {
-        let known = self.formats.iter().find(|format| format.name == name);
-        known
-            .copied()
-            .ok_or_else(|| WorkError::Failed(format!("no plugin reads policies of format `{name}`")))
-    }
 }
 
 fn name(config: &dyn SimulatorConfig) -> String {

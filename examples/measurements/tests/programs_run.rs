@@ -19,13 +19,13 @@ fn lines(program: &str, arguments: &[&str]) -> Vec<String> {
 fn learning_curves() {
     let config = concat!(env!("CARGO_MANIFEST_DIR"), "/../half-cheetah-quick.toml");
     let sizes = ["teacher.steps=4096", "teacher.snapshots=2", "teacher.d0_pool=2"];
-    let arguments = [&[config, "2"], &sizes[..]].concat();
+    let arguments = [&[config, "4..5"], &sizes[..]].concat();
     let lines = lines(env!("CARGO_BIN_EXE_learning-curves"), &arguments);
     assert_eq!(lines[0], "engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls");
     let mut begins: Vec<&str> = lines[1..].iter().map(|line| &line[..26]).collect();
     begins.sort_unstable();
     let of = |seed, steps| format!("rapier,half-cheetah,{seed},{steps}");
-    assert_eq!(begins, [of(1, "2048"), of(1, "4096"), of(2, "2048"), of(2, "4096")]);
+    assert_eq!(begins, [of(4, "2048"), of(4, "4096"), of(5, "2048"), of(5, "4096")]);
 }
 
 #[test]

@@ -6,7 +6,7 @@
 //! cargo run --release -p measurements --bin learning-curves -- examples/paper/ant.toml 3 teacher.gamma=0.99
 //! ```
 //!
-//! Arguments: config, number of seeds, then overrides as `elo --set` takes them. Programs of workers (`elo-mujoco`) are those
+//! Arguments: config, number of seeds or a range of them (`11..20`, both included), then overrides as `elo --set` takes them. Programs of workers (`elo-mujoco`) are those
 //! beside this one. Seeds are trained in turn on one core each, as many at a time as there are cores.
 
 use std::path::Path;
@@ -34,16 +34,23 @@ fn main() -> Result<(), Failure> {
     let [config, seeds, overrides @ ..] = arguments.as_slice() else {
         return Err("expected: CONFIG SEEDS [PATH=VALUE]…, e.g. examples/paper/ant.toml 3".into());
     };
+    let seeds = range(seeds)?;
     let experiment = elo_cli::load::experiment(Path::new(config), overrides, &PLUGINS)?;
     let folder = tempfile::tempdir()?;
     with_crew(&experiment, &folder.path().join("run"), &Told, |crew| {
-        print_curves(&Run::new(&experiment, crew)?, seeds.parse()?)
+        print_curves(&Run::new(&experiment, crew)?, &seeds)
     })
 }
 
-fn print_curves(run: &Run<'_>, seeds: u64) -> Result<(), Failure> {
+/// Seeds 1 to a number, or those of a range.
+fn range(text: &str) -> Result<Vec<u64>, Failure> {
+    let (first, last) = text.split_once("..").unwrap_or(("1", text));
+    let seeds: Vec<u64> = (first.parse()?..=last.parse()?).collect();
+    if seeds.is_empty() { Err(format!("seeds {text}: expected at least one").into()) } else { Ok(seeds) }
+}
+
+fn print_curves(run: &Run<'_>, seeds: &[u64]) -> Result<(), Failure> {
     let (experiment, crew) = (run.experiment, run.crew);
-    let seeds: Vec<u64> = (1..=seeds).collect();
     let roots: Vec<Seed> = seeds.iter().map(|seed| Seed::root(*seed).child("learning-curves")).collect();
     let trainings: Vec<Unit> = roots
         .iter()
