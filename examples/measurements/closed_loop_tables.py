@@ -1,11 +1,13 @@
-"""Fills the tables of docs/results/closed-loop.md, and runs.csv beside it, from what the runs of its protocol gave.
+"""Fills the tables of docs/results/closed-loop.md from the CSV files in the folder beside it.
 
-    python closed_loop_tables.py FOLDER
+    python closed_loop_tables.py            # fills the page
+    python closed_loop_tables.py FOLDER     # takes what runs of the protocol gave into the CSV files, then fills the page
+    python closed_loop_tables.py --check    # changes nothing, and fails where the page is not what the files say
 
-FOLDER holds `ROBOT-SEED-open_loop.json` and `ROBOT-SEED-interest.json` (`elo experiments RUN --json`),
-`ROBOT-SEED-ABLATION.json` (`elo compare INTEREST-RUN ABLATION-RUN --json`) and `specialisation.csv` (of the program of that
-name). A table stands in the page between `<!-- NAME -->` and `<!-- / -->`; the text around it is left alone. Runs that are
-missing are left out, and every table says how many seeds it has where they are not five.
+FOLDER holds any of `ROBOT-SEED-open_loop.json` with `ROBOT-SEED-interest.json` (`elo experiments RUN --json`),
+`ROBOT-SEED-ABLATION.json` (`elo discover … --json` of the ablation) and `specialisation.csv` (of the program of that name). Rows of
+the same run are replaced, others kept. A table stands in the page between `<!-- NAME -->` and `<!-- / -->`; the text
+around it is left alone. Every table of ablations says how many seeds it has where they are not three.
 """
 
 import csv
@@ -18,11 +20,14 @@ import sys
 from pathlib import Path
 
 PAGE = Path(__file__).parents[2] / "docs/results/closed-loop.md"
+FILES = PAGE.with_suffix("")
 ROBOTS = {"ant": "Ant", "half-cheetah": "HalfCheetah", "walker2d": "Walker2d"}
 SEEDS = range(1, 6)
 CONTEXTS = 300
+METRICS = ("maximum_mean", "negative_tail")
 TEACHERS, PPO = "teachers, mean action", "PPO, 0.5 M steps, by samples"
-ARMS = ["`interest`", "`open_loop`", "`behavior_cloning`", "random torque", "zero torque", TEACHERS, PPO]
+LEARNERS = ["interest", "open_loop", "behavior_cloning"]
+ARMS = [*LEARNERS, "random torque", "zero torque", TEACHERS, PPO]
 ABLATIONS = {
     "interests": "without interests",
     "termination": "without learning `ε`",
@@ -67,9 +72,9 @@ def agents(open_loop, interest, metric):
         return find(report, lambda name: name.startswith(prefix))
 
     return {
-        "`interest`": named(interest, metric),
-        "`open_loop`": named(open_loop, metric),
-        "`behavior_cloning`": named(open_loop, f"behavior_cloning: {metric}"),
+        "interest": named(interest, metric),
+        "open_loop": named(open_loop, metric),
+        "behavior_cloning": named(open_loop, f"behavior_cloning: {metric}"),
         "random torque": named(interest, "random torque"),
         "zero torque": named(interest, "zero torque"),
         TEACHERS: named(open_loop, "teachers"),
@@ -79,14 +84,14 @@ def agents(open_loop, interest, metric):
 
 def rows_of(robot, seed, metric, arms):
     """One line of runs.csv for each arm."""
-    base = by_context(arms["`interest`"])
+    base = by_context(arms["interest"])
     for name, agent in arms.items():
         row = agent["row"]
         line = {
             "robot": robot,
             "seed": seed,
             "metric": metric,
-            "arm": name.strip("`"),
+            "arm": name,
             "mean_return": row["mean_return"]["estimate"],
             "low": row["mean_return"]["low"],
             "high": row["mean_return"]["high"],
@@ -94,52 +99,117 @@ def rows_of(robot, seed, metric, arms):
             "falls_at_most": agent["falls"]["upper"],
             "mean_length": row["mean_length"],
         }
-        if name != "`interest`":
+        if name != "interest":
             differences = [a - b for a, b in zip(base, by_context(agent), strict=True)]
             line["difference"] = statistics.fmean(differences)
             line["difference_low"], line["difference_high"] = bootstrap(differences)
-        yield name, line
+        yield line
+
+
+def rows_of_ablation(robot, seed, kind, report, base):
+    """One line of runs.csv for each metric; `base` has those of `interest`. Contexts are the same, so the difference of means
+    is the mean of differences; its interval over contexts would need both runs in one place."""
+    for found in report["sets"]:
+        row, metric = found["row"], found["metric"].partition("(")[0]
+        yield {
+            "robot": robot,
+            "seed": seed,
+            "metric": metric,
+            "arm": kind,
+            "mean_return": row["mean_return"]["estimate"],
+            "low": row["mean_return"]["low"],
+            "high": row["mean_return"]["high"],
+            "falls": row["falls"]["estimate"],
+            "mean_length": row["mean_length"],
+            "difference": base[metric] - row["mean_return"]["estimate"],
+        }
+
+
+class Store:
+    """A CSV file whose rows have a key of some columns; rows that are put replace those of the same key."""
+
+    def __init__(self, name, key):
+        self.path, self.key = FILES / name, key
+        with self.path.open() as file:
+            reader = csv.DictReader(file)
+            self.columns, self.rows = reader.fieldnames, list(reader)
+
+    def key_of(self, row):
+        return [str(row[column]) for column in self.key]
+
+    def put(self, rows):
+        rows = [{k: f"{v:.4f}" if isinstance(v, float) else str(v) for k, v in row.items()} for row in rows]
+        new = [self.key_of(row) for row in rows]
+        self.rows = [row for row in self.rows if self.key_of(row) not in new] + rows
+        self.rows.sort(key=self.key_of)
+
+    def write(self):
+        with self.path.open("w") as file:
+            writer = csv.DictWriter(file, self.columns, restval="", lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self.rows)
 
 
 class Runs:
-    """Everything that the folder holds."""
+    """Everything that the CSV files hold."""
 
-    def __init__(self, folder):
-        self.folder = Path(folder)
-        self.lines, self.reports = {}, {}
-        self.options = self.read_options()
-        for robot in ROBOTS:
-            for seed in SEEDS:
-                self.read(robot, seed)
+    def __init__(self):
+        self.stores = {
+            "runs": Store("runs.csv", ["robot", "seed", "metric", "arm"]),
+            "equivalents": Store("equivalents.csv", ["robot", "seed", "arm"]),
+            "specialisation": Store("specialisation.csv", ["run", "option"]),
+        }
 
-    def load(self, name):
-        path = self.folder / f"{name}.json"
-        return json.loads(path.read_text()) if path.exists() else None
+    def take(self, folder):
+        """Puts what runs gave into the files."""
+        for path in sorted(folder.glob("*-interest.json")):
+            robot, seed, _ = path.stem.rsplit("-", 2)
+            interest = json.loads(path.read_text())
+            open_loop = json.loads(path.with_name(f"{robot}-{seed}-open_loop.json").read_text())
+            for metric in METRICS:
+                self.stores["runs"].put(rows_of(robot, seed, metric, agents(open_loop, interest, metric)))
+            reports = {"open_loop": open_loop, "interest": interest}
+            self.stores["equivalents"].put(
+                {"robot": robot, "seed": seed, "arm": arm, **crossing(report)} for arm, report in reports.items()
+            )
+        for kind in ABLATIONS:
+            for path in sorted(folder.glob(f"*-{kind}.json")):
+                robot, seed, _ = path.stem.rsplit("-", 2)
+                base = {m: self.line("interest", robot, seed, m)["mean_return"] for m in METRICS}
+                report = json.loads(path.read_text())
+                self.stores["runs"].put(rows_of_ablation(robot, seed, kind, report, base))
+        if (folder / "specialisation.csv").exists():
+            with (folder / "specialisation.csv").open() as file:
+                self.stores["specialisation"].put(list(csv.DictReader(file)))
+        for store in self.stores.values():
+            store.write()
 
-    def read(self, robot, seed):
-        reports = [self.load(f"{robot}-{seed}-{arm}") for arm in ("open_loop", "interest")]
-        if None in reports:
-            return
-        self.reports[robot, seed] = reports
-        for metric in ("maximum_mean", "negative_tail"):
-            for name, line in rows_of(robot, seed, metric, agents(*reports, metric)):
-                self.lines.setdefault((metric, name, robot), []).append(line)
+    def of(self, arm, robot, metric="maximum_mean"):
+        """Lines of an arm, one a seed."""
+        rows = self.stores["runs"].rows
+        wanted = [row for row in rows if (row["arm"], row["robot"], row["metric"]) == (arm, robot, metric)]
+        text = ("robot", "metric", "arm")
+        return [{k: v if k in text else float(v) for k, v in row.items() if v != ""} for row in wanted]
 
-    def of(self, name, robot):
-        return self.lines.get(("maximum_mean", name, robot), [])
+    def line(self, arm, robot, seed, metric):
+        return next(line for line in self.of(arm, robot, metric) if line["seed"] == int(seed))
 
-    def ablations(self, kind, robot):
-        """(seed, comparison of `interest` with the ablation)."""
-        found = [(seed, self.load(f"{robot}-{seed}-{kind}")) for seed in SEEDS]
-        return [(seed, report["pairs"][0]) for seed, report in found if report]
+    def crossing(self, robot, seed, arm):
+        rows = self.stores["equivalents"].rows
+        return next(r for r in rows if (r["robot"], r["seed"], r["arm"]) == (robot, str(seed), arm))
 
-    def read_options(self):
-        """Rows of specialisation.csv by run."""
-        runs = {}
-        with (self.folder / "specialisation.csv").open() as file:
-            for row in csv.DictReader(file):
-                runs.setdefault(row["run"], []).append(row)
-        return runs
+    def options(self, run):
+        return [row for row in self.stores["specialisation"].rows if row["run"] == run]
+
+
+def crossing(report):
+    """After how many steps of training a teacher first earns as much; empty where it never does."""
+    found = next(e for e in report["equivalents"] if e["agent"] == "maximum_mean" and e["acts"] == "sample")
+
+    def steps(at):
+        return round(at["at"]) if isinstance(at, dict) else {"above_curve": "", "below_curve": 0}[at]
+
+    return {name: steps(found[name]) for name in ("steps", "low", "high")}
 
 
 def table(head, rows):
@@ -154,25 +224,30 @@ def summary(lines):
     return f"{mean['mean_return']:.1f}, {100 * mean['falls']:.0f} %, {mean['mean_length']:.0f}"
 
 
+def title(arm):
+    """Learners are words of a config."""
+    return f"`{arm}`" if arm in LEARNERS else arm
+
+
 def earn(runs):
-    rows = [[name, *(summary(runs.of(name, robot)) for robot in ROBOTS)] for name in ARMS]
+    rows = [[title(arm), *(summary(runs.of(arm, robot)) for robot in ROBOTS)] for arm in ARMS]
     return table(["", *ROBOTS.values()], rows)
 
 
 def differences(runs):
-    def cell(name, robot):
-        return student([line["difference"] for line in runs.of(name, robot)])
+    def cell(arm, robot):
+        return student([line["difference"] for line in runs.of(arm, robot)])
 
-    rows = [[name, *(cell(name, robot) for robot in ROBOTS)] for name in ARMS[1:5]]
+    rows = [[title(arm), *(cell(arm, robot) for robot in ROBOTS)] for arm in ARMS[1:5]]
     return table(["`interest` less", *ROBOTS.values()], rows)
 
 
 def falls(runs):
-    def cell(name, robot):
-        pairs = zip(runs.of("`interest`", robot), runs.of(name, robot), strict=True)
+    def cell(arm, robot):
+        pairs = zip(runs.of("interest", robot), runs.of(arm, robot), strict=True)
         return student([100 * (ours["falls"] - theirs["falls"]) for ours, theirs in pairs])
 
-    rows = [[name, *(cell(name, robot) for robot in ROBOTS)] for name in ARMS[1:3]]
+    rows = [[title(arm), *(cell(arm, robot) for robot in ROBOTS)] for arm in ARMS[1:3]]
     return table(["falls of `interest` less those of, in points", *ROBOTS.values()], rows)
 
 
@@ -181,12 +256,12 @@ def seeds(runs):
         return f"{line['difference']:.1f} [{line['difference_low']:.1f}, {line['difference_high']:.1f}]"
 
     rows = []
-    for robot, title in ROBOTS.items():
-        for ours, open_loop, cloned in zip(*(runs.of(name, robot) for name in ARMS[:3]), strict=True):
+    for robot, name in ROBOTS.items():
+        for ours, open_loop, cloned in zip(*(runs.of(arm, robot) for arm in LEARNERS), strict=True):
             rows.append(
                 [
-                    title,
-                    str(ours["seed"]),
+                    name,
+                    f"{ours['seed']:.0f}",
                     f"{ours['mean_return']:.1f} [{ours['low']:.1f}, {ours['high']:.1f}]",
                     difference(open_loop),
                     difference(cloned),
@@ -199,100 +274,89 @@ def seeds(runs):
 
 
 def equivalents(runs):
-    def steps(at):
-        texts = {"above_curve": "more than 2,000,896", "below_curve": "0"}
-        return f"{at['at']:,.0f}" if isinstance(at, dict) else texts[at]
+    def steps(text):
+        return f"{int(text):,}" if text else "more than 2,000,896"
 
-    def cell(report):
-        found = next(e for e in report["equivalents"] if e["agent"] == "maximum_mean" and e["acts"] == "sample")
-        within = "" if found["steps"] == "above_curve" else f" [{steps(found['low'])}, {steps(found['high'])}]"
+    def cell(robot, seed, arm):
+        found = runs.crossing(robot, seed, arm)
+        within = f" [{steps(found['low'])}, {steps(found['high'])}]" if found["steps"] else ""
         return steps(found["steps"]) + within
 
     rows = [
-        [ROBOTS[robot], str(seed), *(cell(report) for report in reports)]
-        for (robot, seed), reports in runs.reports.items()
+        [name, str(seed), cell(robot, seed, "open_loop"), cell(robot, seed, "interest")]
+        for robot, name in ROBOTS.items()
+        for seed in SEEDS
     ]
     return table(["robot", "seed", "`open_loop`", "`interest`"], rows)
 
 
-def draws(options):
+def shares(options):
     """Shares of the draws, most first."""
-    shares = sorted((100 * float(row["share"]) for row in options), reverse=True)
-    return ", ".join(f"{share:.0f} %" if share >= 0.5 else "0" for share in shares)
+    found = sorted((100 * float(row["share"]) for row in options), reverse=True)
+    return ", ".join(f"{share:.0f} %" if share >= 0.5 else "0" for share in found)
+
+
+def parts(options):
+    """What a set's options do in it: shares of the draws, information, actions."""
+    return shares(options), f"{float(options[0]['information']):.2f}", float(options[0]["actions"])
 
 
 def options(runs):
     rows = []
-    for robot, title in ROBOTS.items():
+    for robot, name in ROBOTS.items():
         for seed in SEEDS:
-            found = runs.options.get(f"{robot}-{seed}-interest")
-            if found:
-                actions = float(found[0]["actions"])
-                information = float(found[0]["information"])
-                rows.append(
-                    [title, str(seed), draws(found), f"{information:.2f}", f"{actions:.1f}", f"{actions - 1:.1f}"]
-                )
+            drawn, information, actions = parts(runs.options(f"{robot}-{seed}-interest"))
+            rows.append([name, str(seed), drawn, information, f"{actions:.1f}", f"{actions - 1:.1f}"])
     head = ["robot", "seed", "draws of each option, most first", "information, nats"]
     return table([*head, "actions", "continuations ρ"], rows)
 
 
 def ablations(runs):
     def cell(kind, robot):
-        pairs = [pair for _, pair in runs.ablations(kind, robot)]
-        if not pairs:
+        lines = runs.of(kind, robot)
+        if not lines:
             return ""
-        few = "" if len(pairs) == 3 else f" ({len(pairs)} seed{'s' if len(pairs) > 1 else ''})"
-        return student([pair["difference"]["estimate"] for pair in pairs]) + few
+        few = "" if len(lines) == 3 else f" ({len(lines)} seed{'s' if len(lines) > 1 else ''})"
+        return student([-line["difference"] for line in lines]) + few
 
-    rows = [[title, *(cell(kind, robot) for robot in ROBOTS)] for kind, title in ABLATIONS.items()]
+    rows = [[name, *(cell(kind, robot) for robot in ROBOTS)] for kind, name in ABLATIONS.items()]
     return table(["less `interest`", *ROBOTS.values()], rows)
 
 
 def ablation_runs(runs):
     rows = []
-    for kind, title in ABLATIONS.items():
+    for kind, what in ABLATIONS.items():
         for robot, name in ROBOTS.items():
-            for seed, pair in runs.ablations(kind, robot):
-                row = pair["second"]
-                drawn = runs.options.get(f"{robot}-{seed}-{kind}", [])
-                rows.append(
-                    [
-                        title,
-                        name,
-                        str(seed),
-                        f"{row['mean_return']['estimate']:.1f}",
-                        f"{100 * row['falls']['estimate']:.0f} %",
-                        draws(drawn) if drawn else "",
-                        f"{float(drawn[0]['information']):.2f}" if drawn else "",
-                        f"{float(drawn[0]['actions']) - 1:.1f}" if drawn else "",
-                    ]
-                )
+            for line in runs.of(kind, robot):
+                seed = f"{line['seed']:.0f}"
+                drawn, information, actions = parts(runs.options(f"{robot}-{seed}-{kind}"))
+                earned, fell = f"{line['mean_return']:.1f}", f"{100 * line['falls']:.0f} %"
+                rows.append([what, name, seed, earned, fell, drawn, information, f"{actions - 1:.1f}"])
     head = ["what", "robot", "seed", "return", "falls", "draws of each option", "information, nats"]
     return table([*head, "continuations ρ"], rows)
 
 
-def write_csv(runs, path):
-    lines = [line for group in runs.lines.values() for line in group]
-    lines.sort(key=lambda line: (line["robot"], line["seed"], line["metric"]))
-    with path.open("w") as file:
-        writer = csv.DictWriter(file, max(lines, key=len).keys(), lineterminator="\n")
-        writer.writeheader()
-        for line in lines:
-            writer.writerow({key: f"{v:.4f}" if isinstance(v, float) else v for key, v in line.items()})
-
-
-def main(folder):
-    runs = Runs(folder)
-    text = PAGE.read_text()
+def filled(page, runs):
+    """The text of the page with its tables as the files say."""
     for of in (earn, differences, falls, seeds, equivalents, options, ablations, ablation_runs):
         block = re.compile(rf"(<!-- {of.__name__} -->\n).*?(<!-- / -->)", re.DOTALL)
-        filled = f"\n{of(runs)}\n\n"
-        text, count = block.subn(lambda match, filled=filled: match[1] + filled + match[2], text)
+        inside = f"\n{of(runs)}\n\n"
+        page, count = block.subn(lambda match, inside=inside: match[1] + inside + match[2], page)
         if count != 1:
             sys.exit(f"{PAGE}: expected one table `{of.__name__}`, found {count}")
-    PAGE.write_text(text)
-    write_csv(runs, PAGE.with_suffix("") / "runs.csv")
+    return page
+
+
+def main(arguments):
+    runs, page = Runs(), PAGE.read_text()
+    if arguments == ["--check"]:
+        if filled(page, runs) != page:
+            sys.exit(f"{PAGE}: its tables are not what {FILES} says; {Path(__file__).name} fills them")
+        return
+    for folder in arguments:
+        runs.take(Path(folder))
+    PAGE.write_text(filled(page, runs))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[1:])
