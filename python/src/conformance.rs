@@ -8,7 +8,7 @@ use elo_core::policy::TeacherConfig;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::simulators::{config, described, refused};
+use crate::simulators::{self, described, plugin};
 
 /// The rules that are broken, and a report on all.
 type Found = (Vec<String>, String);
@@ -22,17 +22,17 @@ fn found(report: &Report) -> Found {
 pub fn conformance(py: Python<'_>, role: &str, config_json: &str, simulator_json: &str) -> PyResult<Found> {
     match role {
         "simulator" => {
-            let case = simulator::Case::new(config(config_json)?);
+            let case = simulator::Case::new(simulators::simulator(config_json)?);
             Ok(found(&py.detach(|| simulator::run(&case))))
         }
         "teacher" => {
-            let mut subject: Box<dyn TeacherConfig> = serde_json::from_str(config_json).map_err(refused)?;
+            let mut subject: Box<dyn TeacherConfig> = plugin(config_json)?;
             subject.hosted_mut().map_or(Ok(()), |hosted: &mut dyn Hosted| described(hosted))?;
-            let case = teacher::Case::new(subject, config(simulator_json)?);
+            let case = teacher::Case::new(subject, simulators::simulator(simulator_json)?);
             Ok(found(&py.detach(|| teacher::run(&case))))
         }
         "metric" => {
-            let mut subject: Box<dyn Metric> = serde_json::from_str(config_json).map_err(refused)?;
+            let mut subject: Box<dyn Metric> = plugin(config_json)?;
             subject.hosted_mut().map_or(Ok(()), |hosted: &mut dyn Hosted| described(hosted))?;
             Ok(found(&py.detach(|| metric::run(subject.as_ref()))))
         }

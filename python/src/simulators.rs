@@ -2,13 +2,16 @@
 
 use std::path::Path;
 
-use elo_core::fault::Faults;
+use elo_core::config;
+use elo_core::fault::{Fault, Faults};
 use elo_core::hosted::Hosted;
 use elo_core::simulator::{End, Simulator as CoreSimulator, SimulatorConfig, Start, State};
 use elo_core::task::Task;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
 
 /// One simulator, from its config as JSON. `elo.gym` wraps it.
 #[pyclass(module = "elo._elo", unsendable)]
@@ -26,17 +29,26 @@ pub fn refused(error: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// A config, complete: it has the files that it names, by paths that are relative to the working directory, and one whose simulator
+/// A plugin of any role, from its config as JSON, as it stands there.
+pub fn plugin<T: DeserializeOwned + JsonSchema>(text: &str) -> PyResult<T> {
+    let value = serde_json::from_str(text).map_err(refused)?;
+    config::from_value(value, crate::PLUGINS).map_err(|faults| refused(lines(&faults)))
+}
+
+/// A fault a line.
+fn lines(faults: &[Fault]) -> String {
+    faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n")
+}
+
+/// A config of a simulator, complete: it has the files that it names, by paths that are relative to the working directory, and one whose simulator
 /// only its environment knows has asked it.
-pub fn config(text: &str) -> PyResult<Box<dyn SimulatorConfig>> {
-    // Kinds are found by name, so their crates must be linked.
-    let _linked = crate::PLUGINS;
-    let mut config: Box<dyn SimulatorConfig> = serde_json::from_str(text).map_err(refused)?;
+pub fn simulator(text: &str) -> PyResult<Box<dyn SimulatorConfig>> {
+    let mut config: Box<dyn SimulatorConfig> = plugin(text)?;
     let mut faults = Faults::new();
     config.embed_files(Path::new(""), &mut faults);
     config.validate(&mut faults);
-    if let Some(fault) = faults.found().first() {
-        return Err(refused(fault));
+    if !faults.found().is_empty() {
+        return Err(refused(lines(faults.found())));
     }
     config.hosted_mut().map_or(Ok(()), described)?;
     Ok(config)
@@ -55,7 +67,7 @@ pub fn described(hosted: &mut dyn Hosted) -> PyResult<()> {
 impl Simulator {
     #[new]
     fn new(config_json: &str) -> PyResult<Self> {
-        Ok(Self { inner: config(config_json)?.build().map_err(failed)? })
+        Ok(Self { inner: simulator(config_json)?.build().map_err(failed)? })
     }
 
     /// The spec, as JSON.

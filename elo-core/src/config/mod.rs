@@ -84,6 +84,23 @@ pub fn read<T: DeserializeOwned + JsonSchema>(
     }
 }
 
+/// Makes a config of a value that comes from no file, such as one table that another program wrote.
+///
+/// # Errors
+/// Every fault of structure, as [`read`] finds it.
+pub fn from_value<T: DeserializeOwned + JsonSchema>(
+    value: Value,
+    plugins: &[&[Plugin]],
+) -> Result<T, Vec<Fault>> {
+    let mut faults = Faults::new();
+    check::check(&Document::of::<T>(plugins), &value, &mut faults);
+    if !faults.found().is_empty() {
+        return Err(faults.into_found());
+    }
+    serde_json::from_value(value)
+        .map_err(|error| vec![Fault { path: String::new(), message: error.to_string() }])
+}
+
 /// The JSON Schema of a config with the kinds of `plugins`, for editors and for documentation.
 pub fn json_schema<T: JsonSchema>(plugins: &[&[Plugin]]) -> Value {
     Document::of::<T>(plugins).into_root()
@@ -120,6 +137,18 @@ mod tests {
             assert_eq!(serde_json::to_value(&again).unwrap(), serde_json::to_value(&config).unwrap());
             assert_eq!(show(&again).unwrap(), text);
         }
+    }
+
+    #[test]
+    fn a_value_from_no_file_is_checked_in_the_same_way() {
+        use crate::simulator::SimulatorConfig;
+        let config = |value| from_value::<Box<dyn SimulatorConfig>>(value, ALL);
+        let sound = serde_json::json!({"kind": "point_mass", "wall": 3.0});
+        assert!(config(sound).is_ok());
+        let told = config(serde_json::json!({"kind": "point_mas"})).unwrap_err();
+        assert!(told[0].to_string().contains("did you mean \"point_mass\"?"), "{told:?}");
+        let told = config(serde_json::json!({"kind": "point_mass", "wal": 1.0, "reset_spread": "wide"})).unwrap_err();
+        assert_eq!(told.len(), 2, "{told:?}");
     }
 
     #[test]
