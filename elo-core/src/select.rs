@@ -360,7 +360,8 @@ mod tests {
 
     #[test]
     fn scores_that_are_no_numbers_are_not_chosen_and_said() {
-        let by_the_good = |rows, size| select_by(Box::new(MeanOfTheGood {}), rows, size, FailureRule::default());
+        let by_the_good =
+            |rows, size| select_by(Box::new(MeanOfTheGood {}), rows, size, FailureRule::default());
         let selection = by_the_good(&[POOR, STEADY, RISKY], 1).unwrap();
         assert_eq!(selection.choices[1].chosen, [2]);
         let told = "mean_of_the_good: the scores of 1 of 3 candidates are no numbers";

@@ -152,6 +152,46 @@ mod tests {
         assert_eq!(met.len(), 250);
     }
 
+    /// A tutor whose corrections are of one place a round, another one each time.
+    struct Wanderer {
+        spec: SimulatorSpec,
+        round: usize,
+    }
+
+    const PLACES: [f32; 4] = [-0.8, 0.8, -0.4, 0.4];
+
+    impl Tutor for Wanderer {
+        fn spec(&self) -> &SimulatorSpec {
+            &self.spec
+        }
+
+        fn correct(&mut self, _: &dyn OptionPolicy, _: &Seed) -> Result<Demonstration, String> {
+            let place = PLACES[self.round];
+            self.round += 1;
+            // Answers that no line through one of the places gives at the others.
+            Ok(Demonstration {
+                observations: seen(place).repeat(20),
+                actions: vec![place.abs(); 20],
+                steps: 20,
+            })
+        }
+    }
+
+    #[test]
+    fn what_earlier_rounds_taught_is_not_forgotten() {
+        let cloning =
+            BehaviorCloningConfig { observation_noise: 0.0, epochs: 300, ..DaggerConfig::default().cloning };
+        let config = DaggerConfig { rounds: 4, rollouts: 1, cloning };
+        let recording =
+            Demonstration { observations: seen(0.0).repeat(20), actions: vec![0.0; 20], steps: 20 };
+        let mut tutor = Wanderer { spec: PointMassConfig::default().description(), round: 0 };
+        let option = config.learn(&recording, &mut tutor, &Seed::root(1)).unwrap();
+        for place in PLACES.into_iter().chain([0.0]) {
+            let error = (answer(option.as_ref(), place) - place.abs()).abs();
+            assert!(error < 0.1, "{error} at {place}");
+        }
+    }
+
     #[test]
     fn each_round_tries_the_clone_that_was_corrected() {
         let (_, met) = errors(&DaggerConfig { rounds: 3, rollouts: 1, ..DaggerConfig::default() });

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
+use std::panic::resume_unwind;
 use std::sync::{Mutex, PoisonError};
 
 /// Makes items 0, 1, 2, … and hands them to `take` in this order, until it breaks off with a value. Each worker makes one item
@@ -9,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 /// the same items whatever the number of workers, if what `make` makes depends on the number of the item alone.
 ///
 /// # Panics
-/// Without a worker, and when `make` or `take` panic.
+/// Without a worker, and as `make` or `take` do: then no further item is begun.
 pub(crate) fn in_order<W: Send, T: Send, B: Send>(
     workers: &mut [W],
     make: impl Fn(&mut W, u64) -> T + Sync,
@@ -19,25 +20,32 @@ pub(crate) fn in_order<W: Send, T: Send, B: Send>(
         let broken_off = (0..).find_map(|number| take(make(worker, number)).break_value());
         return broken_off.expect("there is no last number");
     }
-    let desk = Mutex::new(Desk { begun: 0, taken: 0, waiting: BTreeMap::new(), outcome: None });
+    let closed = false;
+    let desk = Mutex::new(Desk { begun: 0, taken: 0, waiting: BTreeMap::new(), outcome: None, closed });
     let take = Mutex::new(take);
+    let work = |worker: &mut W| {
+        let _closes = ClosesOnPanic(&desk);
+        loop {
+            let begun = lock(&desk).begin();
+            let Some(number) = begun else { return };
+            let made = make(worker, number);
+            lock(&desk).hand_in(number, made, &mut *lock(&take));
+        }
+    };
     std::thread::scope(|scope| {
-        for worker in workers {
-            scope.spawn(|| {
-                loop {
-                    let begun = lock(&desk).begin();
-                    let Some(number) = begun else { return };
-                    let made = make(worker, number);
-                    lock(&desk).hand_in(number, made, &mut *lock(&take));
-                }
-            });
+        let work = &work;
+        let threads: Vec<_> = workers.iter_mut().map(|worker| scope.spawn(move || work(worker))).collect();
+        for thread in threads {
+            if let Err(panic) = thread.join() {
+                resume_unwind(panic);
+            }
         }
     });
     let outcome = desk.into_inner().unwrap_or_else(PoisonError::into_inner).outcome;
     outcome.expect("there are workers, who end with an outcome")
 }
 
-/// A panic elsewhere ends everything anyway.
+/// A panic elsewhere closes the desk, and what it holds is not looked at any more.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -49,12 +57,25 @@ struct Desk<T, B> {
     /// Made before an earlier one was.
     waiting: BTreeMap<u64, T>,
     outcome: Option<B>,
+    /// Whether there will be no outcome.
+    closed: bool,
+}
+
+/// Closes the desk when its thread panics: the others would wait for an item that never comes.
+struct ClosesOnPanic<'a, T, B>(&'a Mutex<Desk<T, B>>);
+
+impl<T, B> Drop for ClosesOnPanic<'_, T, B> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            lock(self.0).closed = true;
+        }
+    }
 }
 
 impl<T, B> Desk<T, B> {
     fn begin(&mut self) -> Option<u64> {
         self.begun += 1;
-        self.outcome.is_none().then_some(self.begun - 1)
+        (self.outcome.is_none() && !self.closed).then_some(self.begun - 1)
     }
 
     fn hand_in(&mut self, number: u64, made: T, take: &mut dyn FnMut(T) -> ControlFlow<B>) {
@@ -100,6 +121,31 @@ mod tests {
         let expected = ((0..=45).collect(), 1035);
         for workers in [1, 2, 5] {
             assert_eq!(taken_by(workers), expected, "{workers} workers");
+        }
+    }
+    #[test]
+    fn a_panic_ends_the_work_of_all() {
+        let panics_at = |maker: u64, taker: u64, workers: usize| {
+            let work = || {
+                in_order(
+                    &mut vec![(); workers],
+                    |(), number| assert_ne!(number, maker, "making {number}"),
+                    {
+                        let mut taken = 0;
+                        move |()| {
+                            assert_ne!(taken, taker, "taking {taken}");
+                            taken += 1;
+                            ControlFlow::<()>::Continue(())
+                        }
+                    },
+                );
+            };
+            let panic = std::panic::catch_unwind(work).expect_err("there is nothing else that ends it");
+            panic.downcast_ref::<String>().expect("a message").clone()
+        };
+        for workers in [1, 2, 5] {
+            assert!(panics_at(3, u64::MAX, workers).contains("making 3"), "{workers} workers");
+            assert!(panics_at(u64::MAX, 3, workers).contains("taking 3"), "{workers} workers");
         }
     }
 }

@@ -398,7 +398,9 @@ fn an_option_set_is_measured_again_and_by_its_own_robot_alone() {
     // On the terminal it says what its columns mean, as the run's own table does.
     let mut command = elo_with(&["evaluate", "--set", "report.contexts=40"]);
     let told = run(command.arg(&set).arg("--out").arg(folder.path().join("evaluation"))).expect_success();
-    for words in ["maximum_mean set of point-mass", "40 fresh contexts, seed 8", "are of returns normalised as"] {
+    for words in
+        ["maximum_mean set of point-mass", "40 fresh contexts, seed 8", "are of returns normalised as"]
+    {
         assert!(told.stdout.contains(words), "{words}: {told}");
     }
 

@@ -147,7 +147,8 @@ mod tests {
         assert!(config(sound).is_ok());
         let told = config(serde_json::json!({"kind": "point_mas"})).unwrap_err();
         assert!(told[0].to_string().contains("did you mean \"point_mass\"?"), "{told:?}");
-        let told = config(serde_json::json!({"kind": "point_mass", "wal": 1.0, "reset_spread": "wide"})).unwrap_err();
+        let told = config(serde_json::json!({"kind": "point_mass", "wal": 1.0, "reset_spread": "wide"}))
+            .unwrap_err();
         assert_eq!(told.len(), 2, "{told:?}");
     }
 

@@ -1,5 +1,5 @@
 //! The gradients that training takes its steps along, Gaussian policies, scaling and minibatches included, against finite
-//! differences of an objective that is computed exactly.
+//! differences of an objective that is computed exactly; that of the critic against differences of its loss.
 
 #![allow(clippy::unwrap_used)]
 
@@ -12,7 +12,7 @@ use super::config::{Discounts, InterestConfig, LearningRates};
 use super::drawing;
 use super::duration::{Band, Termination};
 use super::learner::Learner;
-use super::practice::Experience;
+use super::practice::{Experience, LastState};
 use super::risk::{self, Risk};
 use super::train::{Signals, Training};
 use super::worlds::{World, practice};
@@ -123,10 +123,22 @@ fn mean_from(
 fn estimate(training: &mut Training<'_>, experience: &Experience, poor: Option<&[f64]>) -> Vec<f64> {
     let estimates = training.estimate(experience, poor);
     let signals = Signals::new(experience, &estimates);
-    let rows: Vec<usize> = (0..experience.steps.len()).collect();
     let config = config();
-    let batch = Batch { config: &config, experience, signals: &signals, usage: None, rows: &rows };
-    batch.differentiate(&mut training.learner);
+    let rows: Vec<usize> = (0..experience.steps.len()).collect();
+    // Neighbours lie in different batches, which are of different sizes: each counts by its share of the steps.
+    let batches = [3, 0, 1, 2, 4]
+        .map(|batch| rows.iter().copied().filter(|row| row % 11 % 5 == batch).collect::<Vec<usize>>());
+    let (mut policies, mut interests) = (Vec::new(), Vec::new());
+    for batch in &batches {
+        let signals = &signals;
+        Batch { config: &config, experience, signals, usage: None, rows: batch }
+            .differentiate(&mut training.learner);
+        let share = batch.len() as f64 / rows.len() as f64;
+        let Learner { policies: of_policies, interests: of_interests, .. } = &training.learner;
+        let more = of_policies.iter().flat_map(|p| [&p.means.gradient[..], &p.log_std_gradient].concat());
+        add(&mut policies, more, share);
+        add(&mut interests, of_interests.iter().flat_map(|net| net.gradient.clone()), share);
+    }
 
     // Losses are means over steps, of advantages with deviation 1; `J` is a sum over the steps of a rollout.
     let deviation = |of: &dyn Fn(&Advantages) -> f64, wanted: &dyn Fn(usize) -> bool| {
@@ -138,13 +150,16 @@ fn estimate(training: &mut Training<'_>, experience: &Experience, poor: Option<&
     let visits = estimates.visits;
     let of_actions = -visits * deviation(&|a| a.action, &|_| true);
     let of_draws = -visits * deviation(&|a| a.draw, &|row| experience.steps[row].drawn);
-    let learner = &training.learner;
-    let policies =
-        learner.policies.iter().flat_map(|p| [&p.means.gradient[..], &p.log_std_gradient].concat());
-    let interests = learner.interests.iter().flat_map(|net| net.gradient.clone());
-    let end = training.termination_gradient(learner.termination, estimates.worth_of_ending());
-    let scaled = |scale: f64| move |d: f32| scale * f64::from(d);
-    policies.map(scaled(of_actions)).chain(interests.map(scaled(of_draws))).chain([end]).collect()
+    let end = training.termination_gradient(training.learner.termination, estimates.worth_of_ending());
+    let scaled = |scale: f64| move |d: f64| scale * d;
+    let policies = policies.into_iter().map(scaled(of_actions));
+    policies.chain(interests.into_iter().map(scaled(of_draws))).chain([end]).collect()
+}
+
+/// Adds a share of `more` to `sums`.
+fn add(sums: &mut Vec<f64>, more: impl Iterator<Item = f32>, share: f64) {
+    let more = more.map(|d| share * f64::from(d));
+    if sums.is_empty() { sums.extend(more) } else { sums.iter_mut().zip(more).for_each(|(sum, d)| *sum += d) }
 }
 
 /// Lets both options differ in both states.
@@ -158,7 +173,7 @@ fn prepare(learner: &mut Learner) {
 /// Compares the mean of 40 estimates, each from a training of its own, with the derivatives of `objective`.
 fn check(
     config: &InterestConfig,
-    (pay, steps): (Range, usize),
+    (world, pay, steps): (World, Range, usize),
     objective: impl Fn(&[f64]) -> f64,
     estimate: impl Fn(&mut Training<'_>, &Experience) -> Vec<f64>,
 ) {
@@ -167,7 +182,7 @@ fn check(
     let mut expected = Vec::new();
     let estimates: Vec<Vec<f64>> = (0..40)
         .map(|seed| {
-            let practice = practice(&World::Hot, &tasks, &initial_states, steps, seed);
+            let practice = practice(&world, &tasks, &initial_states, steps, seed);
             let mut training = Training::new(config, &practice, 1).unwrap();
             // The critic, which no gradient of theirs should depend on, is another one each time.
             prepare(&mut training.learner);
@@ -198,8 +213,65 @@ fn check(
 
 #[test]
 fn the_gradient_of_training_has_the_exact_one_as_its_mean() {
-    let pay = Range { low: 0.5, high: 1.5 };
-    check(&config(), (pay, 40), objective, |training, experience| estimate(training, experience, None));
+    let world = (World::Hot, Range { low: 0.5, high: 1.5 }, 40);
+    check(&config(), world, objective, |training, experience| estimate(training, experience, None));
+}
+
+/// Where nothing is discounted, steps that count alike count as `J` says; and where the task ends every rollout, the critic
+/// has no say at all.
+#[test]
+fn steps_that_count_alike_have_the_exact_gradient_where_nothing_is_discounted() {
+    let config = InterestConfig {
+        steps: 30_000,
+        rollout_steps: 30_000,
+        context_pool: 10_000,
+        discount: Discounts { gamma: 1.0, gae_lambda: 1.0 },
+        discounted_visits: false,
+        ..config()
+    };
+    let objective = |theta: &[f64]| {
+        let cost = config.continuations.cost(Termination { logit: theta[14] });
+        mean_over_returns(theta, &|earned| earned) - config.duration_weight * cost
+    };
+    let world = (World::BrieflyHot, Range { low: 1.0, high: 1.0 }, 40);
+    check(&config, world, objective, |training, experience| {
+        assert!(experience.ends.iter().filter(|end| **end == LastState::Terminal).count() > 9_990);
+        estimate(training, experience, None)
+    });
+}
+
+/// Half the mean squared error of `Q(s, o)` for the option that acted, whichever others the critic has a word on.
+#[test]
+fn the_gradient_of_the_critic_is_that_of_its_loss() {
+    let config = InterestConfig { steps: 300, rollout_steps: 300, hidden: vec![5], ..config() };
+    let tasks = TaskDistribution::new([("pay", Range { low: 0.5, high: 1.5 })]);
+    let initial_states = InitialStates { max_random_steps: 0, ..InitialStates::default() };
+    let practice = practice(&World::Hot, &tasks, &initial_states, 10, 1);
+    let mut training = Training::new(&config, &practice, 1).unwrap();
+    let experience = training.collect().unwrap();
+    let estimates = training.estimate(&experience, None);
+    let signals = Signals::new(&experience, &estimates);
+    let rows: Vec<usize> = (0..experience.steps.len()).filter(|row| row % 3 != 1).collect();
+    Batch { config: &config, experience: &experience, signals: &signals, usage: None, rows: &rows }
+        .differentiate(&mut training.learner);
+
+    let critic = &training.learner.critic;
+    let width = critic.network.input_size();
+    let sizes = [width, 5, 2];
+    let loss = |params: &[f64]| {
+        let errors = rows.iter().map(|&row| {
+            let input = &experience.critic_inputs[row * width..][..width];
+            let q = reference::forward(&sizes, params, input)[experience.options[row]];
+            // An estimate of the discounted return, so it is no part of what is differentiated.
+            0.5 * (q - f64::from(estimates.targets[row])).powi(2)
+        });
+        errors.sum::<f64>() / rows.len() as f64
+    };
+    assert_eq!(width, 3, "two numbers that are observed, and one of the task");
+    let point: Vec<f64> = critic.network.params().iter().map(|x| f64::from(*x)).collect();
+    let exact = reference::differences(&point, &(0..point.len()).collect::<Vec<_>>(), loss);
+    let error = reference::relative_error(&critic.gradient, &exact);
+    assert!(error < 1e-4, "{error}");
 }
 
 #[test]
@@ -219,10 +291,14 @@ fn the_price_of_poor_returns_has_the_exact_gradient_as_its_mean() {
     let deviation = (mean_over_returns(&theta, &|earned| earned * earned) - mean * mean).sqrt();
     let risk = Risk::NegativeTail { k: 2.0, alpha: (mean - threshold) / deviation };
     let price = |theta: &[f64]| -2.0 * mean_over_returns(theta, &|earned| f64::from(earned < threshold));
-    check(&config, (Range { low: 1.0, high: 1.0 }, 3), price, |training, experience| {
-        let prices = risk::poor(experience, risk).unwrap();
-        let with = estimate(training, experience, Some(&prices));
-        let without = estimate(training, experience, None);
-        with.iter().zip(without).map(|(with, without)| with - without).collect()
-    });
+    for discounted_visits in [true, false] {
+        let config = InterestConfig { discounted_visits, ..config.clone() };
+        let world = (World::Hot, Range { low: 1.0, high: 1.0 }, 3);
+        check(&config, world, price, |training, experience| {
+            let prices = risk::poor(experience, risk, 1.0).unwrap();
+            let with = estimate(training, experience, Some(&prices));
+            let without = estimate(training, experience, None);
+            with.iter().zip(without).map(|(with, without)| with - without).collect()
+        });
+    }
 }

@@ -17,8 +17,9 @@ pub const FORMAT: PolicyFormat = PolicyFormat {
     load,
 };
 
-/// Log-interests beyond this are cut, so that interests stay positive and finite.
-const MAX_LOG_INTEREST: f32 = 40.0;
+/// Log-interests beyond this are cut, so that interests are normal numbers in single precision, as are the sums of many. Practice
+/// knows no such limit, and comes nowhere near it.
+const MAX_LOG_INTEREST: f32 = 80.0;
 
 /// A closed-loop option: draws its action around a network's output, is preferred where another network says so, and ends
 /// after each action with the same probability.

@@ -259,3 +259,64 @@ impl LastState {
         Self::Cut { observation: seen.to_vec(), critic_input: [seen, features].concat(), early }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use elo_core::conformance::point_mass::PointMassConfig;
+    use elo_core::context::InitialStates;
+    use elo_core::policy::Practice;
+    use elo_core::simulator::SimulatorConfig;
+    use elo_core::task::TaskDistribution;
+
+    use super::super::config::InterestConfig;
+    use super::super::train::Training;
+    use super::super::worlds::{World, practice};
+    use super::*;
+
+    /// The lengths of rollouts of at most five steps, of so many together, and how they ended.
+    fn rollouts(simulator: &dyn SimulatorConfig, steps: u64, stop_at_fall: bool) -> Vec<(usize, LastState)> {
+        let config = InterestConfig {
+            steps,
+            rollout_steps: steps,
+            context_pool: 4,
+            hidden: vec![4],
+            ..InterestConfig::default()
+        };
+        let (tasks, initial_states) =
+            (TaskDistribution::default(), InitialStates { max_random_steps: 0, ..InitialStates::default() });
+        let practice = practice(simulator, &tasks, &initial_states, 5, 1);
+        let practice = Practice { horizon: Horizon { stop_at_fall, ..practice.horizon }, ..practice };
+        let experience = Training::new(&config, &practice, 1).unwrap().collect().unwrap();
+        let lengths = experience.steps.split_inclusive(|step| step.last).map(<[Taken]>::len);
+        lengths.zip(experience.ends.iter().cloned()).collect()
+    }
+
+    fn is_cut(end: &LastState, for_another_reason: bool) -> bool {
+        matches!(end, LastState::Cut { early, .. } if *early == for_another_reason)
+    }
+
+    #[test]
+    fn a_fall_ends_a_rollout_unless_falls_are_gone_through() {
+        // So narrow that a few actions lead out of it.
+        let narrow = PointMassConfig { wall: 0.01, reset_spread: 0.0 };
+        let ends = rollouts(&narrow, 60, true);
+        assert!(ends.iter().filter(|(_, end)| *end == LastState::Terminal).count() > 3, "{ends:?}");
+        let ends = rollouts(&narrow, 60, false);
+        assert_eq!(ends.len(), 12);
+        assert!(ends.iter().all(|(length, end)| *length == 5 && is_cut(end, false)), "{ends:?}");
+    }
+
+    #[test]
+    fn a_step_that_fails_cuts_the_rollout_before_it() {
+        let ends = rollouts(&World::Failing, 20, true);
+        assert_eq!(ends.len(), 10);
+        assert!(ends.iter().all(|(length, end)| *length == 2 && is_cut(end, true)), "{ends:?}");
+        assert!(
+            rollouts(&World::Endless, 20, true)
+                .iter()
+                .all(|(length, end)| *length == 5 && is_cut(end, false))
+        );
+    }
+}

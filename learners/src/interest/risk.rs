@@ -9,8 +9,8 @@
 //!
 //! where any constant may be taken from `1[V < c]`; the share `p` of poor rollouts leaves the least noise. So each decision of a
 //! rollout, an action, a draw or an end alike, has `−k (1[V < c] − p)` added to its advantage; by the logit `x` of `ε` an end that
-//! happened (`b = 1`) or did not has `∇ log = b − ε`. Rewards and the critic know nothing of it. Returns here are the measured ones,
-//! undiscounted and over the horizon. A rollout that was cut short for another reason has no return, and pays nothing.
+//! happened (`b = 1`) or did not has `∇ log = b − ε`. Rewards and the critic know nothing of it. Returns here are those
+//! that sets are measured by: over the horizon, with the discount of `discover.discount`. A rollout that was cut short for another reason has no return, and pays nothing.
 //!
 //! `(μ*, σ*)` are mean and deviation of the returns of the iteration's own rollouts. Eq. 4.6 takes them from the best set by
 //! the mean; here the set at hand is the best that is known.
@@ -45,15 +45,14 @@ fn one() -> f64 {
     1.0
 }
 
-/// `−k (1[V < c] − p)` of each rollout, in their order; `None` where poor returns have no price. Rewards must be as the tasks pay
-/// them.
-pub(super) fn poor(experience: &Experience, risk: Risk) -> Option<Vec<f64>> {
+/// `−k (1[V < c] − p)` of each rollout, in their order, with returns of this discount; `None` where poor returns have no price.
+pub(super) fn poor(experience: &Experience, risk: Risk, discount: f64) -> Option<Vec<f64>> {
     let Risk::NegativeTail { k, alpha } = risk else { return None };
     let rollouts = experience.steps.split_inclusive(|step: &Taken| step.last).zip(&experience.ends);
     let returns: Vec<Option<f64>> = rollouts
         .map(|(rollout, end)| {
             let whole = !matches!(end, LastState::Cut { early: true, .. });
-            whole.then(|| rollout.iter().map(|step| step.reward).sum())
+            whole.then(|| rollout.iter().rev().fold(0.0, |later, step| step.reward + discount * later))
         })
         .collect();
     let count = returns.iter().flatten().count().max(1) as f64;
@@ -120,10 +119,17 @@ mod tests {
             (&[0.0, 3.0], false),
             (&[-1.0], false),
         ]);
-        let prices = |alpha| poor(&experience, Risk::NegativeTail { k: 4.0, alpha }).unwrap();
-        assert_eq!(prices(2.0), [0.0; 5]);
-        assert_eq!(prices(1.0), [1.0, 1.0, 0.0, 1.0, -3.0]);
-        assert_eq!(poor(&experience, Risk::Mean), None);
+        let prices =
+            |alpha, discount| poor(&experience, Risk::NegativeTail { k: 4.0, alpha }, discount).unwrap();
+        assert_eq!(prices(2.0, 1.0), [0.0; 5]);
+        assert_eq!(prices(1.0, 1.0), [1.0, 1.0, 0.0, 1.0, -3.0]);
+        // With the discount ½ they are 2, 3, 1.5 and −1: mean 1.375, deviation 1.47; again −1 alone is poor. With 0 they are 1, 3,
+        // 0 and −1: mean ¾, deviation 1.48, and still −1 < −0.73; but 0.6 deviations below the mean is −0.14, and 0.4 is 0.16.
+        assert_eq!(prices(1.0, 0.5), [1.0, 1.0, 0.0, 1.0, -3.0]);
+        assert_eq!(prices(0.6, 0.0), [1.0, 1.0, 0.0, 1.0, -3.0]);
+        assert_eq!(prices(0.4, 0.0), [2.0, 2.0, 0.0, -2.0, -2.0]);
+        assert_eq!(prices(0.4, 1.0), [1.0, 1.0, 0.0, 1.0, -3.0]);
+        assert_eq!(poor(&experience, Risk::Mean, 1.0), None);
     }
 
     #[test]

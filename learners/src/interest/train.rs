@@ -51,9 +51,7 @@ pub struct Point {
     pub mean_return: f64,
     /// Their mean length in control steps.
     pub mean_length: f64,
-    /// Mean number of actions of the options, `1/ε`, where no rollout ends before.
-    pub actions: f64,
-    /// Mean number of continuations, `ρ = (1 − ε)/ε`.
+    /// Mean number of continuations of the options, `ρ = (1 − ε)/ε`, where no rollout ends before; they act once more.
     pub continuations: f64,
 }
 
@@ -174,7 +172,7 @@ impl<'a> Training<'a> {
     pub fn iterate(&mut self) -> Result<(), TrainError> {
         let mut experience = self.collect()?;
         self.log(&experience);
-        let poor = risk::poor(&experience, self.config.risk);
+        let poor = risk::poor(&experience, self.config.risk, self.practice.horizon.discount);
         self.scale_rewards(&mut experience);
         let estimates = self.estimate(&experience, poor.as_deref());
         let moved = self.improve(&experience, &estimates);
@@ -257,6 +255,7 @@ impl<'a> Training<'a> {
         advantages(&steps, termination, config.discount.into(), &mut all);
         let targets = steps.iter().zip(&all).map(|(step, a)| value_target(step, a) as f32).collect();
 
+        // In a mean over steps, decisions of `J` count `γ^t / mean_discount`, or all alike in its place.
         let mean_discount = experience.discounts.iter().sum::<f64>() / steps.len() as f64;
         for (advantages, discount) in all.iter_mut().zip(&experience.discounts) {
             let weight = if config.discounted_visits { discount / mean_discount } else { 1.0 };
@@ -265,8 +264,7 @@ impl<'a> Training<'a> {
             advantages.end *= config.discount.gamma * weight;
         }
         if let Some(prices) = poor {
-            let scale = if config.discounted_visits { 1.0 / mean_discount } else { 1.0 };
-            let prices: Vec<f64> = prices.iter().map(|price| scale * price).collect();
+            let prices: Vec<f64> = prices.iter().map(|price| price / mean_discount).collect();
             risk::charge(&mut all, &steps, &prices, termination);
         }
         Estimates {
@@ -286,15 +284,15 @@ impl<'a> Training<'a> {
         let before = self.learner.termination;
         let count = experience.steps.len();
         let mut order: Vec<usize> = (0..count).collect();
-        // Of equal size, so that none is a handful of steps.
-        let batches = (count / config.minibatch).max(1);
+        let cuts = cuts(count, config.minibatch);
         let mut shuffler = self.practice.seed.child("shuffle").index(self.record.iteration).stream();
         let mut kl = 0.0;
         for _ in 0..config.epochs {
             order.shuffle(&mut shuffler);
             let usage = batch::usage(config, experience, &mut self.learner);
-            let mut moved = Vec::with_capacity(batches);
-            for rows in order.chunks(count.div_ceil(batches)) {
+            let mut moved = Vec::with_capacity(cuts.len());
+            for cut in cuts.windows(2) {
+                let rows = &order[cut[0]..cut[1]];
                 let batch = Batch { config, experience, signals: &signals, usage: usage.as_deref(), rows };
                 moved.push(batch.differentiate(&mut self.learner));
                 self.learner.descend(rates, config.max_grad_norm)?;
@@ -322,13 +320,11 @@ impl<'a> Training<'a> {
     fn log(&mut self, experience: &Experience) {
         let rollouts = experience.rollouts();
         let total: f64 = experience.steps.iter().map(|step| step.reward).sum();
-        let termination = self.learner.termination;
         self.record.curve.push(Point {
             steps: self.record.tally.steps,
             mean_return: total / rollouts,
             mean_length: experience.steps.len() as f64 / rollouts,
-            actions: 1.0 / termination.probability(),
-            continuations: termination.continuations(),
+            continuations: self.learner.termination.continuations(),
         });
     }
 
@@ -348,6 +344,13 @@ impl<'a> Training<'a> {
             curve: self.record.curve,
         }
     }
+}
+
+/// Where `count` steps are cut into minibatches, as many as `size` fits in: their sizes differ by one at most, so that none is a
+/// handful of steps.
+fn cuts(count: usize, size: usize) -> Vec<usize> {
+    let batches = (count / size).max(1);
+    (0..=batches).map(|batch| batch * count / batches).collect()
 }
 
 /// The parameters that `P` draws, each from −1 to 1 over its range in `P`.
@@ -398,5 +401,74 @@ impl<'a> Signals<'a> {
         let mut draws = vec![0.0; advantages.len()];
         experience.drawn().zip(scaled).for_each(|(row, advantage)| draws[row] = advantage);
         Self { actions, draws, targets }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use elo_core::context::InitialStates;
+    use elo_core::simulator::SimulatorConfig as _;
+    use elo_core::task::TaskDistribution;
+
+    use super::super::config::{Discounts, LearningRates};
+    use super::super::worlds::{World, practice};
+    use super::*;
+
+    #[test]
+    fn the_critic_sees_a_task_by_its_place_in_p() {
+        // The simulator allows 0 to 2.
+        let tasks = TaskDistribution::new([("pay", Range { low: 0.5, high: 0.9 })]);
+        let initial_states = InitialStates::default();
+        let practice = practice(&World::Hot, &tasks, &initial_states, 5, 1);
+        let spec = World::Hot.spec().expect("a world has a spec");
+        for (pay, expected) in [(0.5, -1.0), (0.6, -0.5), (0.7, 0.0), (0.9, 1.0)] {
+            let [seen] = task_features(&Task::new([("pay", pay)]), &practice, &spec)[..] else { panic!() };
+            assert!((seen - expected).abs() < 1e-6, "{pay}: {seen}");
+        }
+    }
+
+    #[test]
+    fn minibatches_differ_by_one_step_at_most() {
+        for (count, size) in [(8193, 64), (8391, 256), (64, 64), (63, 64), (1, 256), (130, 64)] {
+            let cuts = cuts(count, size);
+            let sizes: Vec<usize> = cuts.windows(2).map(|cut| cut[1] - cut[0]).collect();
+            assert_eq!((sizes.iter().sum::<usize>(), sizes.len()), (count, (count / size).max(1)));
+            let (least, most) = (sizes.iter().min(), sizes.iter().max());
+            assert!(
+                most.zip(least).is_some_and(|(most, least)| most - least <= 1),
+                "{count} by {size}: {sizes:?}"
+            );
+        }
+    }
+    /// What the critic thinks of the only state, in unscaled rewards of 1 a step on average, with γ = 0.9.
+    fn valued(world: World, steps: usize) -> f64 {
+        let config = InterestConfig {
+            steps: 30_000,
+            rollout_steps: 300,
+            context_pool: 500,
+            minibatch: 50,
+            learning_rates: LearningRates { critic: 3e-3, ..LearningRates::default() },
+            discount: Discounts { gamma: 0.9, gae_lambda: 0.95 },
+            hidden: vec![8],
+            ..InterestConfig::default()
+        };
+        let tasks = TaskDistribution::new([("pay", Range { low: 1.0, high: 1.0 })]);
+        let initial_states = InitialStates { max_random_steps: 0, ..InitialStates::default() };
+        let practice = practice(&world, &tasks, &initial_states, steps, 1);
+        let mut training = Training::new(&config, &practice, 1).expect("a valid training");
+        while training.goes_on() {
+            training.iterate().expect("a training that ends");
+        }
+        let values = training.learner.critic.forward(&[0.0; 3]).to_vec();
+        values.iter().map(|q| f64::from(*q)).sum::<f64>() / 2.0 / training.record.scaler.factor()
+    }
+
+    #[test]
+    fn a_time_limit_is_not_death_to_the_critic_and_a_fall_is() {
+        // Who is cut short after five steps would have earned 1 + γ + γ² + … = 10 from any of them on; were the cut taken for an
+        // end, it would be 2.6 on average. After a fall nothing comes; were it taken for a cut, it would be 10.
+        let (cut, fallen) = (valued(World::Endless, 5), valued(World::Fatal, 5));
+        assert!((cut - 10.0).abs() < 1.0, "{cut}");
+        assert!((fallen - 1.0).abs() < 0.2, "{fallen}");
     }
 }

@@ -33,6 +33,14 @@ pub(super) enum World {
     /// ten cases, and −1 on the surface; pulling back earns 1 on the surface, which it leaves, and nothing elsewhere. The
     /// best one can do is 1 a step.
     Hot,
+    /// The same for three steps; then the task ends.
+    BrieflyHot,
+    /// One state. Pays ½ or 1½, whatever is done, and goes on.
+    Endless,
+    /// The same, and ends after each step.
+    Fatal,
+    /// The same as `Endless`, but the third step fails.
+    Failing,
     /// One state. Keeping the sign of the last action earns 1, changing it −1.
     Steady,
     /// One state. Going on earns 1.5, but once in twenty times −8, which is 1.025 in the mean; pulling back earns 0.9.
@@ -46,8 +54,9 @@ impl World {
     fn step(self, state: usize, action: f32, last: Option<f32>, luck: f64) -> (f64, usize) {
         let forward = action > 0.0;
         match (self, state) {
-            (Self::Hot, 0) => (f64::from(forward), usize::from(forward && luck < 0.3)),
-            (Self::Hot, _) => (if forward { -1.0 } else { 1.0 }, usize::from(forward)),
+            (Self::Hot | Self::BrieflyHot, 0) => (f64::from(forward), usize::from(forward && luck < 0.3)),
+            (Self::Hot | Self::BrieflyHot, _) => (if forward { -1.0 } else { 1.0 }, usize::from(forward)),
+            (Self::Endless | Self::Fatal | Self::Failing, _) => (if luck < 0.5 { 0.5 } else { 1.5 }, 0),
             (Self::Steady, _) => {
                 let kept = last.is_none_or(|last| (last > 0.0) == forward);
                 (if kept { 1.0 } else { -1.0 }, 0)
@@ -58,6 +67,11 @@ impl World {
             }
             (Self::Fickle, _) => (if forward == (state == 0) { 1.0 } else { -1.0 }, usize::from(luck < 0.5)),
         }
+    }
+
+    /// Whether the task ends with a step of an episode, counted from 1.
+    fn ends(self, step: u64) -> bool {
+        self == Self::Fatal || self == Self::BrieflyHot && step == 3
     }
 }
 
@@ -124,12 +138,15 @@ impl Simulator for Running {
         reward_terms: &mut [f64],
     ) -> Result<End, SimulatorError> {
         self.steps += 1;
+        if self.world == World::Failing && self.steps == 3 {
+            return Err(SimulatorError::Engine("it stops at its third step".to_owned()));
+        }
         let luck = self.seed.index(self.steps).stream().random::<f64>();
         (reward_terms[0], self.state) = self.world.step(self.state, action[0], self.last, luck);
         self.last = Some(action[0]);
         observation.fill(0.0);
         observation[self.state] = 1.0;
-        Ok(End::Running)
+        Ok(if self.world.ends(self.steps) { End::Terminated } else { End::Running })
     }
 
     fn state(&self) -> Result<State, SimulatorError> {

@@ -1,7 +1,7 @@
 //! For tests: the network once more, as slowly and plainly as possible, in double precision; and finite differences.
 
 /// The network's output for one input of single precision; see [`forward_f64`].
-pub(super) fn forward(sizes: &[usize], params: &[f64], input: &[f32]) -> Vec<f64> {
+pub(crate) fn forward(sizes: &[usize], params: &[f64], input: &[f32]) -> Vec<f64> {
     let input: Vec<f64> = input.iter().map(|&x| f64::from(x)).collect();
     forward_f64(sizes, params, &input)
 }
