@@ -94,6 +94,14 @@ def test_a_state_that_is_one_array_is_given_back_as_it_was() -> None:
     assert elo.conformance.simulator({"kind": "python", "target": "toys:Row", "reward_floor": -10.0, "state": {}}) == []
 
 
+def test_actions_lie_in_spaces_whose_bounds_are_rounded() -> None:
+    env = environment("toys:Strict")
+    env.reset(seed=1)
+    for force in (-1.0, -0.1, 0.1, 1.0):
+        env.step(np.array([force], np.float32))
+    assert elo.conformance.simulator({"kind": "python", "target": "toys:Strict", "reward_floor": -10.0, "state": {}}) == []
+
+
 def test_states_are_seen_through_wrappers() -> None:
     env = environment("toys:doubled")
     seen, _ = env.reset(seed=1)

@@ -108,10 +108,11 @@ class Bridge:
 
     def _handing(self, space: Any) -> Callable[[], Any]:
         """What gives the action as the space has it: an array that an environment may keep or change."""
-        shape, dtype = space.shape, space.dtype
+        shape, dtype, low, high = space.shape, space.dtype, space.low, space.high
         if dtype == np.float32 and len(shape) == 1:
             return self.action.copy
-        return lambda: self.action.astype(dtype).reshape(shape)
+        # The bounds that the other side keeps to are rounded to float32, which may lie beyond those of the space.
+        return lambda: np.clip(self.action.astype(dtype).reshape(shape), low, high)
 
     # What it is.
 

@@ -153,6 +153,16 @@ class Row(Mass):
         return self._see()
 
 
+class Strict(Mass):
+    """Takes actions of 64 bits, in a row of rows, and none beyond its bounds, which numbers of 32 bits cannot tell."""
+
+    action_space = gymnasium.spaces.Box(-0.1, 0.1, (1, 1), np.float64)  # type: ignore[assignment]
+
+    def step(self, action: Any) -> Any:
+        assert self.action_space.contains(action), f"{action!r} is not in {self.action_space}"
+        return super().step(action[0])
+
+
 class Doubled(gymnasium.ObservationWrapper[Any, Any, Any]):
     """Shows twice what there is."""
 
