@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import numbers
 import operator
 from collections.abc import Mapping
 from typing import Any
@@ -218,6 +219,6 @@ def _matching(env: gymnasium.Env[Array, Array], options: OptionSet) -> gymnasium
             f"{inner.high}; wrap it by gymnasium.wrappers.RescaleAction"
         )
     control_step = getattr(env.unwrapped, "control_step", None)
-    if isinstance(control_step, float) and not np.isclose(control_step, options.control_step):
+    if isinstance(control_step, numbers.Real) and not np.isclose(float(control_step), options.control_step):
         raise ValueError(f"the options act every {options.control_step} s, the environment every {control_step} s")
     return inner

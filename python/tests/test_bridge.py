@@ -133,6 +133,46 @@ def test_a_term_that_is_no_number_is_named() -> None:
         env.step(FORCE)
 
 
+TERMS = [{"name": "nearness", "weight": 1.0}, {"name": "effort", "weight": 1.0}]
+
+
+@pytest.mark.parametrize(
+    ("how", "terms", "said"),
+    [
+        ("nan term", TERMS, "the reward term `effort` nan, which is not finite"),
+        ("nan reward", [], "the reward nan, which is not finite"),
+        ("complex reward", [], r"the reward .*1\+0j.*, expected a number"),
+        ("no info", TERMS, "`info` None, expected a mapping"),
+        ("list of terms", TERMS, r"`info\[\"reward_terms\"\]` \[1.0, 2.0\], expected a mapping"),
+        ("unsaid end", [], "`terminated` None, expected True or False"),
+        ("end in words", [], "`truncated` 'no', expected True or False"),
+    ],
+)
+def test_what_a_step_gives_is_checked_and_named(how: str, terms: list[dict[str, Any]], said: str) -> None:
+    env = wrong(how, reward_terms=terms)
+    env.reset(seed=1)
+    with pytest.raises(RuntimeError, match=said):
+        env.step(FORCE)
+
+
+def test_numbers_of_numpys_are_numbers() -> None:
+    env = environment("toys:Single", reward_terms=TERMS)
+    assert env.control_step == pytest.approx(0.05)
+    env.reset(seed=1)
+    _, reward, terminated, truncated, info = env.step(FORCE)
+    assert (terminated, truncated) == (True, False)
+    assert reward == pytest.approx(sum(info["reward_terms"].values())) and reward < -0.5
+    env = environment("toys:Single")
+    env.reset(seed=1)
+    assert env.step(FORCE)[1] == pytest.approx(reward)
+
+
+@pytest.mark.parametrize(("how", "said"), [("dict", "FlattenObservation"), ("discrete", "ActionWrapper")])
+def test_spaces_that_are_no_boxes_are_told_how_to_become_one(how: str, said: str) -> None:
+    with pytest.raises(ValueError, match=rf"expected a Box; wrap the environment by .*{said}"):
+        wrong(how)
+
+
 def told(folder: Path, target: str, role: str = "environment") -> str:
     """What a fresh process says that results of `target` depend on."""
     robot = {"name": "dot", "mjcf": "", "substeps": 1, "torso": 0, "bodies": [], "joints": [], "positions": 0, "velocities": 0}

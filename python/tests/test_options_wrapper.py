@@ -124,6 +124,9 @@ def test_what_the_options_do_not_fit_is_refused(option_set: Path) -> None:
     fast.control_step = 0.001
     with pytest.raises(ValueError, match=r"the options act every 0\.\d+ s, the environment every 0\.001 s"):
         elo.gym.OptionsWrapper(fast, options)
+    fast.control_step = np.float32(0.001)  # type: ignore[assignment]
+    with pytest.raises(ValueError, match=r"the environment every 0\.001\d* s"):
+        elo.gym.OptionsWrapper(fast, options)
 
 
 def test_actions_that_are_none_are_refused(option_set: Path) -> None:

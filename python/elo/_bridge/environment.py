@@ -2,7 +2,7 @@
 
 The Rust side makes one `Bridge` for each simulator and calls `prepare`, `reset`, `restore`, `step` and `state`; observation, action
 and reward terms pass through arrays that both sides see. Everything that an environment gives is checked here, but for
-whether its numbers are finite: that is checked once, where they are taken over.
+whether the numbers of its observations are finite: that is checked once, where they are taken over.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from __future__ import annotations
 import copy
 import importlib
 import json
+import math
+import numbers
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -61,23 +63,44 @@ def _made(target: str, kwargs: dict[str, Any]) -> Any:
         raise BadTarget(f"`{target}`: {error}") from error
 
 
+BOXES = {
+    "observation": "gymnasium.wrappers.FlattenObservation or by a gymnasium.ObservationWrapper of your own",
+    "action": "a gymnasium.ActionWrapper of your own that makes its actions of those of a Box",
+}
+"""What gives an environment a space that is a box."""
+
+
 def _box(space: Any, what: str) -> Any:
-    """The space, which must be a box: other spaces are told how to become one."""
+    """The space, which must be a box: other spaces are told how to become one. `what` is one of `BOXES`."""
     spaces = _gymnasium().spaces
     if not isinstance(space, spaces.Box):
-        raise BadTarget(
-            f"its {what} space is {space}, expected a Box; wrap the environment, for instance by "
-            "gymnasium.wrappers.FlattenObservation or by one of your own"
-        )
+        raise BadTarget(f"its {what} space is {space}, expected a Box; wrap the environment by {BOXES[what]}")
     return space
 
 
-def _number(value: Any, what: str) -> Any:
-    """The value, which must be one number."""
-    scalar = isinstance(value, (int, float, np.number, np.bool_))
+def _number(value: Any, what: str) -> float:
+    """The value, which must be one finite number."""
+    scalar = isinstance(value, (float, numbers.Real, np.bool_))
     if scalar or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "fiub"):
-        return value
+        number = float(value)
+        if math.isfinite(number):
+            return number
+        raise BadTarget(f"step gave {what} {number}, which is not finite")
     raise BadTarget(f"step gave {what} {value!r}, expected a number")
+
+
+def _truth(value: Any, what: str) -> bool:
+    """The value, which must be true or false: what is merely empty or not, such as a text, is most likely a mistake."""
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    raise BadTarget(f"step gave `{what}` {value!r}, expected True or False")
+
+
+def _positive(value: Any) -> float | None:
+    """The value, if it is a number that can be a time step or a rate."""
+    able = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    number = float(value) if able else 0.0
+    return number if 0.0 < number < math.inf else None
 
 
 class Bridge:
@@ -137,11 +160,9 @@ class Bridge:
     def _control_step(self) -> float:
         declared = self._config.get("control_step")
         raw = self._env.unwrapped
-        rate = (getattr(raw, "metadata", None) or {}).get("render_fps")
-        for step in (declared, getattr(raw, "control_step", None), getattr(raw, "dt", None), rate and 1.0 / rate):
-            if isinstance(step, (int, float)) and step > 0:
-                return float(step)
-        return 1.0
+        rate = _positive((getattr(raw, "metadata", None) or {}).get("render_fps"))
+        steps = map(_positive, (declared, getattr(raw, "control_step", None), getattr(raw, "dt", None)))
+        return next((step for step in steps if step), 1.0 / rate if rate else 1.0)
 
     # Making it.
 
@@ -229,11 +250,12 @@ class Bridge:
         observation, reward, terminated, truncated, info = given
         self._elapsed += 1
         self._see(observation, "step")
-        if type(reward) is float and not self._names:
-            self.terms[0] = reward
+        if self._names:
+            self._price(info)
         else:
-            self._price(reward, info)
-        return 1 if terminated else 2 if truncated else 0
+            self.terms[0] = _number(reward, "the reward")
+        ended, cut = _truth(terminated, "terminated"), _truth(truncated, "truncated")
+        return 1 if ended else 2 if cut else 0
 
     def _see(self, observation: Any, where: str) -> None:
         array = observation if type(observation) is np.ndarray else np.asarray(observation)
@@ -245,11 +267,12 @@ class Bridge:
             raise BadTarget(f"{where} gave an observation of {array.dtype}, expected numbers")
         self._shown[...] = array
 
-    def _price(self, reward: Any, info: Any) -> None:
-        if not self._names:
-            self.terms[0] = _number(reward, "the reward")
-            return
+    def _price(self, info: Any) -> None:
+        if not isinstance(info, Mapping):
+            raise BadTarget(f"step gave `info` {info!r}, expected a mapping with the reward terms that the config names")
         terms = info.get("reward_terms", info)
+        if not isinstance(terms, Mapping):
+            raise BadTarget(f"step gave `info[\"reward_terms\"]` {terms!r}, expected a mapping of names to numbers")
         for index, name in enumerate(self._names):
             if name not in terms:
                 found = ", ".join(map(str, terms)) or "nothing"

@@ -103,6 +103,20 @@ class Wrong(Mass):
             reward = None
         if self.how == "no term":
             info["reward_terms"]["effort"] = None
+        if self.how == "nan term":
+            info["reward_terms"]["effort"] = np.float32(np.nan)
+        if self.how == "nan reward":
+            reward = np.nan
+        if self.how == "complex reward":
+            reward = np.complex64(1.0)
+        if self.how == "no info":
+            info = None
+        if self.how == "list of terms":
+            info["reward_terms"] = [1.0, 2.0]
+        if self.how == "unsaid end":
+            terminated = None
+        if self.how == "end in words":
+            terminated, truncated = True, "no"
         return observation, reward, terminated, truncated, info
 
 
@@ -161,6 +175,18 @@ class Strict(Mass):
     def step(self, action: Any) -> Any:
         assert self.action_space.contains(action), f"{action!r} is not in {self.action_space}"
         return super().step(action[0])
+
+
+class Single(Mass):
+    """Gives all that it gives as NumPy's own numbers, its time step too. It ends at once."""
+
+    control_step = None  # type: ignore[assignment]
+    dt = np.float32(0.05)
+
+    def step(self, action: Any) -> Any:
+        observation, reward, _, _, info = super().step(action)
+        terms = {name: np.float32(term) for name, term in info["reward_terms"].items()}
+        return observation, np.float32(reward), np.bool_(True), np.False_, {"reward_terms": terms}
 
 
 class Doubled(gymnasium.ObservationWrapper[Any, Any, Any]):
