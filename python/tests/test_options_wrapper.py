@@ -129,6 +129,17 @@ def test_what_the_options_do_not_fit_is_refused(option_set: Path) -> None:
         elo.gym.OptionsWrapper(fast, options)
 
 
+def test_discounts_that_are_none_are_refused(option_set: Path) -> None:
+    options = elo.load(option_set)
+    for discount in (0.0, -1.0, 1.5, np.nan):
+        with pytest.raises(ValueError, match=f"`discount` is {discount}, expected a number above 0 and at most 1"):
+            elo.gym.OptionsWrapper(Telling(options), options, discount=discount)
+    undiscounted = elo.gym.OptionsWrapper(Telling(options), options, discount=1.0)
+    undiscounted.reset(seed=1)
+    _, reward, _, _, info = undiscounted.step(0)
+    assert reward == info["return"]
+
+
 def test_actions_that_are_none_are_refused(option_set: Path) -> None:
     options = elo.load(option_set)
     wrapper = elo.gym.OptionsWrapper(Telling(options), options)
