@@ -31,11 +31,14 @@ class Environment(gymnasium.Env[Array, Array]):
     A reset without these options is one to the task that the environment was made with. So is the one with which a vector
     environment goes on by itself after an end. Paths in the config, such as that of a robot's MJCF file, are relative to the working
     directory. Copies and pickles hold config and task: they begin with a reset.
+
+    `close()` ends the simulator, and closes the environment of one's own that it is made of, if it is: `with make(config) as env` does
+    so at its end. Afterwards everything but `close()` raises gymnasium.error.ClosedEnvironmentError.
     """
 
     def __init__(self, config: Mapping[str, Any], task: Mapping[str, float] | None = None) -> None:
         self._config = _json(config)
-        self._simulator = _elo.Simulator(self._config)
+        self._opened: _elo.Simulator | None = _elo.Simulator(self._config)
         self.elo_spec: dict[str, Any] = json.loads(self._simulator.spec())
         self._terms = [term["name"] for term in self.elo_spec["reward_terms"]]
         self._default_task = dict(task or {})
@@ -50,11 +53,17 @@ class Environment(gymnasium.Env[Array, Array]):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_simulator"}
+        return {name: value for name, value in self.__dict__.items() if name != "_opened"}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         self.__dict__.update(state)
-        self._simulator = _elo.Simulator(self._config)
+        self._opened = _elo.Simulator(self._config)
+
+    @property
+    def _simulator(self) -> _elo.Simulator:
+        if self._opened is None:
+            raise gymnasium.error.ClosedEnvironmentError("the environment is closed; make another one")
+        return self._opened
 
     def _set_task(self, task: Mapping[str, float]) -> None:
         text = _json(task)
@@ -82,6 +91,10 @@ class Environment(gymnasium.Env[Array, Array]):
         """The present state, for `reset(options={"state": ...})` here or in another engine with the same robot."""
         state: dict[str, Any] = json.loads(self._simulator.state())
         return state
+
+    def close(self) -> None:
+        """Ends the simulator. Does nothing when it has ended already."""
+        self._opened = None
 
 
 def _json(table: Mapping[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import elo.conformance
 import elo.gym
+import gymnasium
 import numpy as np
 import pytest
 from conftest import ENVIRONMENTS
@@ -66,6 +68,53 @@ def test_an_environment_that_cannot_be_made_leaves_the_old_one() -> None:
     assert np.array_equal(env.reset(seed=1)[0], first)
     env.reset(seed=1, options={"task": {"weight": 0.5}})
     assert env.step(np.ones(1, np.float32))[0][1] == pytest.approx(0.05 / 0.5)
+
+
+def noted(diary: Path, **fields: Any) -> dict[str, Any]:
+    kwargs = {"diary": str(diary)}
+    return {"kind": "python", "target": "toys:Noted", "kwargs": kwargs, "reward_floor": -10.0, "state": {}, **fields}
+
+
+def test_what_is_closed_closes_the_environment_and_can_be_closed_again(tmp_path: Path) -> None:
+    diary = tmp_path / "diary"
+    with elo.gym.make(noted(diary)) as env:
+        env.reset(seed=1)
+        # One to find out what it is, and the one that is used.
+        assert diary.read_text().split() == ["opened", "closed", "opened"]
+    for _ in range(2):
+        assert diary.read_text().split() == ["opened", "closed"] * 2
+        env.close()
+    env = env.unwrapped
+    for use in (env.reset, env.state, lambda: env.step(FORCE)):
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError, match="closed; make another one"):
+            use()
+    again = pickle.loads(pickle.dumps(env))
+    again.reset(seed=1)
+    again.step(FORCE)
+
+
+def test_every_environment_is_closed_once(tmp_path: Path) -> None:
+    diary = tmp_path / "diary"
+    table = noted(diary, task_parameters=[parameter("weight", "constructor")])
+    env = elo.gym.Environment(table)
+    for weight in (1.0, 1.5, 2.0):
+        env.reset(seed=1, options={"task": {"weight": weight}})
+        env.step(FORCE)
+    del env
+    lines = diary.read_text().split()
+    assert (lines.count("opened"), lines.count("closed")) == (4, 4)
+    assert elo.conformance.simulator(noted(diary)) == []
+    lines = diary.read_text().split()
+    assert lines.count("opened") == lines.count("closed") > 20
+
+
+def test_environments_are_closed_when_the_interpreter_ends(tmp_path: Path) -> None:
+    program = f"import elo.gym\nenv = elo.gym.make({noted(tmp_path / 'diary')})\nenv.reset(seed=1)\nprint('the end')"
+    path = os.pathsep.join([str(ENVIRONMENTS), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-c", program]
+    ran = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
+    assert (ran.stdout, ran.stderr) == ("the end\n", "")
+    assert (tmp_path / "diary").read_text().split() == ["opened", "closed"] * 2
 
 
 def test_a_gymnasium_id_with_constructor_parameters_begins_in_states() -> None:

@@ -14,6 +14,7 @@ import math
 import numbers
 import re
 import sys
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -104,7 +105,11 @@ def _positive(value: Any) -> float | None:
 
 
 class Bridge:
-    """One environment. `action`, `observation` and `terms` are the arrays that both sides see."""
+    """One environment. `action`, `observation` and `terms` are the arrays that both sides see.
+
+    The environment is closed as soon as nothing refers to the bridge, and else when the interpreter ends. So nothing in here may
+    refer to the bridge in a circle.
+    """
 
     def __init__(self, config: str) -> None:
         self._config: dict[str, Any] = json.loads(config)
@@ -131,11 +136,11 @@ class Bridge:
 
     def _handing(self, space: Any) -> Callable[[], Any]:
         """What gives the action as the space has it: an array that an environment may keep or change."""
-        shape, dtype, low, high = space.shape, space.dtype, space.low, space.high
+        action, shape, dtype, low, high = self.action, space.shape, space.dtype, space.low, space.high
         if dtype == np.float32 and len(shape) == 1:
-            return self.action.copy
+            return action.copy
         # The bounds that the other side keeps to are rounded to float32, which may lie beyond those of the space.
-        return lambda: np.clip(self.action.astype(dtype).reshape(shape), low, high)
+        return lambda: np.clip(action.astype(dtype).reshape(shape), low, high)
 
     # What it is.
 
@@ -180,6 +185,7 @@ class Bridge:
         self._states = States(env, methods["get"], methods["set"]) if methods else None
         # An engine leaves nothing of this in the processor's caches, so each lookup counts.
         self._env, self._env_reset, self._env_step = env, env.reset, env.step
+        self._closing = weakref.finalize(self, env.close)
         self._fresh = True
 
     def prepare(self, values: Sequence[float]) -> None:
@@ -190,14 +196,18 @@ class Bridge:
         pairs = zip(self._parameters, changed, self._values, strict=True)
         if any(p["binding"] == "constructor" and new != old for p, new, old in pairs):
             # The old one goes on as it was when the new one cannot be made.
-            old = self._env
+            close = self._closing
             self._adopt(self._make(changed))
             self._values = changed
-            old.close()
+            close()
         self._values = changed
         self._set_attributes()
         bound = zip(self._parameters, changed, strict=True)
         self._options = {p["name"]: value for p, value in bound if p["binding"] == "option"}
+
+    def close(self) -> None:
+        """Closes the environment, which cannot be used any more. Does nothing when it is closed already."""
+        self._closing()
 
     def _set_attributes(self) -> None:
         raw = self._env.unwrapped

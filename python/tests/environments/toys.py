@@ -189,6 +189,22 @@ class Single(Mass):
         return observation, np.float32(reward), np.bool_(True), np.False_, {"reward_terms": terms}
 
 
+class Noted(Strict):
+    """Notes in a file, a line each, when one is opened and when it is closed."""
+
+    def __init__(self, diary: str, weight: float = 1.0) -> None:
+        super().__init__(weight)
+        self.diary = Path(diary)
+        self._note("opened")
+
+    def _note(self, what: str) -> None:
+        with open(self.diary, "a") as file:
+            file.write(f"{what}\n")
+
+    def close(self) -> None:
+        self._note("closed")
+
+
 class Doubled(gymnasium.ObservationWrapper[Any, Any, Any]):
     """Shows twice what there is."""
 
