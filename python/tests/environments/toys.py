@@ -205,6 +205,37 @@ class Noted(Strict):
         self._note("closed")
 
 
+class Away(Mass):
+    """Goes wrong in the way called `how` in every process but `home`."""
+
+    def __init__(self, home: int, how: str) -> None:
+        super().__init__()
+        self.how = how if os.getpid() != home else ""
+        if self.how == "is not made":
+            raise RuntimeError("the port is taken")
+        if self.how == "sees more":
+            self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+
+    def _see(self) -> Any:
+        seen = super()._see()
+        return np.append(seen, np.float32(0.0)) if self.how == "sees more" else seen
+
+    def step(self, action: Any) -> Any:
+        print("a step")
+        observation, reward, terminated, truncated, info = super().step(action)
+        if self.how == "shows its process":
+            observation[1] += os.getpid()
+        if self.how == "pays a little more":
+            reward = np.nextafter(reward, 1.0)
+        if self.how == "ends":
+            terminated = True
+        if self.how == "exits":
+            os._exit(3)
+        if self.how == "aborts":
+            os.abort()
+        return observation, reward, terminated, truncated, info
+
+
 class Doubled(gymnasium.ObservationWrapper[Any, Any, Any]):
     """Shows twice what there is."""
 
