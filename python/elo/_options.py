@@ -30,8 +30,8 @@ class OptionSet:
     observation and of how many steps the option has been running; options hold no state of an episode. A pickled set needs no
     folder: it brings its files.
 
-    Methods raise IndexError for the number of no option, TypeError for a number that is no whole one, and ValueError for one below 0
-    and for an observation of another size or with numbers that are not finite.
+    Methods raise IndexError for the number of no option, TypeError for a number that is no whole one, and ValueError for one below
+    0 and for an observation of another size or with numbers that are not finite.
     """
 
     manifest: dict[str, Any]

@@ -32,8 +32,8 @@ class Environment(gymnasium.Env[Array, Array]):
     environment goes on by itself after an end. Paths in the config, such as that of a robot's MJCF file, are relative to the working
     directory. Copies and pickles hold config and task: they begin with a reset.
 
-    `close()` ends the simulator, and closes the environment of one's own that it is made of, if it is: `with make(config) as env` does
-    so at its end. Afterwards everything but `close()` raises gymnasium.error.ClosedEnvironmentError.
+    `close()` ends the simulator, and closes the environment of one's own that it is made of, if it is: `with make(config) as env`
+    does so at its end. Afterwards a reset, a step and the state raise gymnasium.error.ClosedEnvironmentError.
     """
 
     def __init__(self, config: Mapping[str, Any], task: Mapping[str, float] | None = None) -> None:
@@ -134,8 +134,8 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
     numbers: the greatest of the first 1 + K chooses a primitive action (the first) or an option, and the last J, as far
     as the wrapped environment's bounds allow, are the primitive action.
 
-    `discount` is γ per step, in (0, 1]. Raises ValueError where it is not, and where sizes, bounds or control step of the options are
-    not the environment's.
+    `discount` is γ per step, in (0, 1]. Raises ValueError where it is not, and where sizes, bounds or control step of the options
+    are not the environment's.
 
     `draw()` is the infant agent's choice: `step(draw())` again and again is that agent. What it and the options draw comes from a
     generator of the wrapper's own, which `reset(seed=...)` seeds; the wrapped environment's is left to it.

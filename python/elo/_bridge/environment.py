@@ -10,12 +10,12 @@ from __future__ import annotations
 import copy
 import importlib
 import json
-import math
 import numbers
 import re
 import sys
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -81,10 +81,10 @@ def _box(space: Any, what: str) -> Any:
 
 def _number(value: Any, what: str) -> float:
     """The value, which must be one finite number."""
-    scalar = isinstance(value, (float, numbers.Real, np.bool_))
+    scalar = isinstance(value, (numbers.Real, np.bool_))
     if scalar or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "fiub"):
         number = float(value)
-        if math.isfinite(number):
+        if isfinite(number):
             return number
         raise BadTarget(f"step gave {what} {number}, which is not finite")
     raise BadTarget(f"step gave {what} {value!r}, expected a number")
@@ -101,11 +101,13 @@ def _positive(value: Any) -> float | None:
     """The value, if it is a number that can be a time step or a rate."""
     able = isinstance(value, numbers.Real) and not isinstance(value, bool)
     number = float(value) if able else 0.0
-    return number if 0.0 < number < math.inf else None
+    return number if 0.0 < number < inf else None
 
 
 class Bridge:
     """One environment. `action`, `observation` and `terms` are the arrays that both sides see.
+
+    What a step gives is mostly of Python's own types, which pass without a further call: beside a small environment it would count.
 
     The environment is closed as soon as nothing refers to the bridge, and else when the interpreter ends. So nothing in here may
     refer to the bridge in a circle.
@@ -263,9 +265,10 @@ class Bridge:
         if self._names:
             self._price(info)
         else:
-            self.terms[0] = _number(reward, "the reward")
-        ended, cut = _truth(terminated, "terminated"), _truth(truncated, "truncated")
-        return 1 if ended else 2 if cut else 0
+            self.terms[0] = reward if type(reward) is float and isfinite(reward) else _number(reward, "the reward")
+        if type(terminated) is not bool or type(truncated) is not bool:
+            terminated, truncated = _truth(terminated, "terminated"), _truth(truncated, "truncated")
+        return 1 if terminated else 2 if truncated else 0
 
     def _see(self, observation: Any, where: str) -> None:
         array = observation if type(observation) is np.ndarray else np.asarray(observation)
@@ -278,13 +281,15 @@ class Bridge:
         self._shown[...] = array
 
     def _price(self, info: Any) -> None:
-        if not isinstance(info, Mapping):
+        if not isinstance(info, (dict, Mapping)):
             raise BadTarget(f"step gave `info` {info!r}, expected a mapping with the reward terms that the config names")
         terms = info.get("reward_terms", info)
-        if not isinstance(terms, Mapping):
+        if not isinstance(terms, (dict, Mapping)):
             raise BadTarget(f"step gave `info[\"reward_terms\"]` {terms!r}, expected a mapping of names to numbers")
         for index, name in enumerate(self._names):
             if name not in terms:
                 found = ", ".join(map(str, terms)) or "nothing"
                 raise BadTarget(f"step's info has no reward term `{name}`; it has {found}")
-            self.terms[index] = _number(terms[name], f"the reward term `{name}`")
+            term = terms[name]
+            fine = type(term) is float and isfinite(term)
+            self.terms[index] = term if fine else _number(term, f"the reward term `{name}`")
