@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import os
 import tempfile
 from dataclasses import dataclass
@@ -28,6 +29,9 @@ class OptionSet:
     An option is its interest (how much it wants to begin), its policy and its termination. All are functions of the
     observation and of how many steps the option has been running; options hold no state of an episode. A pickled set needs no
     folder: it brings its files.
+
+    Methods raise IndexError for the number of no option, TypeError for a number that is no whole one, and ValueError for one below
+    0 and for an observation of another size or with numbers that are not finite.
     """
 
     manifest: dict[str, Any]
@@ -73,14 +77,14 @@ class OptionSet:
     def act(self, option: int, observation: Observation, elapsed: int, seed: int = 0) -> Action:
         """What option number `option` does at `observation` (observation_size numbers) after `elapsed` of its steps.
 
-        `seed` feeds options that draw their actions, such as those of the learner `interest`: give each step another one.
-        Gives an array of the action's size. Raises IndexError for the number of no option, ValueError for an observation of another size.
+        `seed`, a number of up to 64 bits, feeds options that draw their actions, such as those of the learner `interest`: give
+        each step another one. Gives an array of the action's size.
         """
-        return self._options.act((option, elapsed), _array(observation), seed)
+        return self._options.act(self._when(option, elapsed), _array(observation), _natural(seed, "seed"))
 
     def termination(self, option: int, observation: Observation, elapsed: int) -> float:
         """The probability that the option ends before its next action; 1 after `steps` for options of fixed length."""
-        return self._options.termination((option, elapsed), _array(observation))
+        return self._options.termination(self._when(option, elapsed), _array(observation))
 
     def interests(self, observation: Observation) -> npt.NDArray[np.float32]:
         """How much each option wants to begin at `observation`: positive numbers, all equal for options without interest.
@@ -93,6 +97,12 @@ class OptionSet:
         """The number of the option that an infant agent begins at `observation`: by interest, π_I of Eq. 6.3."""
         interests = self.interests(observation).astype(np.float64)
         return int(generator.choice(len(self), p=interests / interests.sum()))
+
+    def _when(self, option: int, elapsed: int) -> tuple[int, int]:
+        number = operator.index(option)
+        if not 0 <= number < len(self):
+            raise IndexError(f"option {number} of a set of {len(self)}")
+        return number, _natural(elapsed, "elapsed")
 
 
 def load(path: str | os.PathLike[str]) -> OptionSet:
@@ -116,4 +126,16 @@ def _unpacked(*files: bytes) -> OptionSet:
 
 
 def _array(observation: Observation) -> npt.NDArray[np.float32]:
-    return np.ascontiguousarray(observation, dtype=np.float32).reshape(-1)
+    array = np.ascontiguousarray(observation, dtype=np.float32).reshape(-1)
+    finite = np.isfinite(array)
+    if not finite.all():
+        place = int(np.argmin(finite))
+        raise ValueError(f"observation[{place}] is {array[place]}, expected finite numbers")
+    return array
+
+
+def _natural(value: int, name: str) -> int:
+    number = operator.index(value)
+    if not 0 <= number < 2**64:
+        raise ValueError(f"`{name}` is {number}, expected a whole number from 0 to 2^64 - 1")
+    return number

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import numbers
 import operator
 from collections.abc import Mapping
 from typing import Any
@@ -25,16 +26,19 @@ class Environment(gymnasium.Env[Array, Array]):
     """One of the simulators that configs name, e.g. `{"kind": "rapier", "robot": "ant"}`.
 
     `reset(options={"task": {...}})` sets the task's parameters, `reset(options={"state": ...})` begins in a state that
-    `state()` gave. `info["reward_terms"]` holds the unpriced terms of the reward. There is no time limit.
+    `state()` gave, with lists or arrays. `info["reward_terms"]` holds the unpriced terms of the reward. There is no time limit.
 
     A reset without these options is one to the task that the environment was made with. So is the one with which a vector
     environment goes on by itself after an end. Paths in the config, such as that of a robot's MJCF file, are relative to the working
     directory. Copies and pickles hold config and task: they begin with a reset.
+
+    `close()` ends the simulator, and closes the environment of one's own that it is made of, if it is: `with make(config) as env`
+    does so at its end. Afterwards a reset, a step and the state raise gymnasium.error.ClosedEnvironmentError.
     """
 
     def __init__(self, config: Mapping[str, Any], task: Mapping[str, float] | None = None) -> None:
-        self._config = json.dumps(dict(config))
-        self._simulator = _elo.Simulator(self._config)
+        self._config = _json(config)
+        self._opened: _elo.Simulator | None = _elo.Simulator(self._config)
         self.elo_spec: dict[str, Any] = json.loads(self._simulator.spec())
         self._terms = [term["name"] for term in self.elo_spec["reward_terms"]]
         self._default_task = dict(task or {})
@@ -49,14 +53,20 @@ class Environment(gymnasium.Env[Array, Array]):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_simulator"}
+        return {name: value for name, value in self.__dict__.items() if name != "_opened"}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         self.__dict__.update(state)
-        self._simulator = _elo.Simulator(self._config)
+        self._opened = _elo.Simulator(self._config)
+
+    @property
+    def _simulator(self) -> _elo.Simulator:
+        if self._opened is None:
+            raise gymnasium.error.ClosedEnvironmentError("the environment is closed; make another one")
+        return self._opened
 
     def _set_task(self, task: Mapping[str, float]) -> None:
-        text = json.dumps(dict(task))
+        text = _json(task)
         self._prices = np.asarray(self._simulator.prices(text))
         self._task = text
 
@@ -70,7 +80,7 @@ class Environment(gymnasium.Env[Array, Array]):
         super().reset(seed=seed)
         self._set_task(options.get("task", self._default_task))
         start = {"state": options["state"]} if "state" in options else {"seed": int(self.np_random.integers(2**63))}
-        return self._simulator.reset(self._task, json.dumps(start)), {}
+        return self._simulator.reset(self._task, _json(start)), {}
 
     def step(self, action: Array) -> Step:
         observation, terms, terminated, truncated = self._simulator.step(np.ascontiguousarray(action, np.float32))
@@ -81,6 +91,21 @@ class Environment(gymnasium.Env[Array, Array]):
         """The present state, for `reset(options={"state": ...})` here or in another engine with the same robot."""
         state: dict[str, Any] = json.loads(self._simulator.state())
         return state
+
+    def close(self) -> None:
+        """Ends the simulator. Does nothing when it has ended already."""
+        self._opened = None
+
+
+def _json(table: Mapping[str, Any]) -> str:
+    """As JSON, with NumPy's arrays and numbers as lists and numbers."""
+    return json.dumps(dict(table), default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"{value!r} is {type(value).__name__}, expected what JSON can hold, or NumPy's arrays and numbers")
 
 
 def make(
@@ -109,7 +134,8 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
     numbers: the greatest of the first 1 + K chooses a primitive action (the first) or an option, and the last J, as far
     as the wrapped environment's bounds allow, are the primitive action.
 
-    `discount` is γ per step, in (0, 1]. Raises ValueError where sizes, bounds or control step of the options are not the environment's.
+    `discount` is γ per step, in (0, 1]. Raises ValueError where it is not, and where sizes, bounds or control step of the options
+    are not the environment's.
 
     `draw()` is the infant agent's choice: `step(draw())` again and again is that agent. What it and the options draw comes from a
     generator of the wrapper's own, which `reset(seed=...)` seeds; the wrapped environment's is left to it.
@@ -134,6 +160,8 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
         discount: float = 0.99,
     ) -> None:
         super().__init__(env)
+        if not 0.0 < discount <= 1.0:
+            raise ValueError(f"`discount` is {discount}, expected a number above 0 and at most 1")
         inner = _matching(env, options)
         self.options, self.discount, self._primitive = options, discount, primitive
         if primitive:
@@ -218,6 +246,6 @@ def _matching(env: gymnasium.Env[Array, Array], options: OptionSet) -> gymnasium
             f"{inner.high}; wrap it by gymnasium.wrappers.RescaleAction"
         )
     control_step = getattr(env.unwrapped, "control_step", None)
-    if isinstance(control_step, float) and not np.isclose(control_step, options.control_step):
+    if isinstance(control_step, numbers.Real) and not np.isclose(float(control_step), options.control_step):
         raise ValueError(f"the options act every {options.control_step} s, the environment every {control_step} s")
     return inner

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import elo.conformance
 import elo.gym
+import gymnasium
 import numpy as np
 import pytest
 from conftest import ENVIRONMENTS
@@ -68,6 +70,53 @@ def test_an_environment_that_cannot_be_made_leaves_the_old_one() -> None:
     assert env.step(np.ones(1, np.float32))[0][1] == pytest.approx(0.05 / 0.5)
 
 
+def noted(diary: Path, **fields: Any) -> dict[str, Any]:
+    kwargs = {"diary": str(diary)}
+    return {"kind": "python", "target": "toys:Noted", "kwargs": kwargs, "reward_floor": -10.0, "state": {}, **fields}
+
+
+def test_what_is_closed_closes_the_environment_and_can_be_closed_again(tmp_path: Path) -> None:
+    diary = tmp_path / "diary"
+    with elo.gym.make(noted(diary)) as env:
+        env.reset(seed=1)
+        # One to find out what it is, and the one that is used.
+        assert diary.read_text().split() == ["opened", "closed", "opened"]
+    for _ in range(2):
+        assert diary.read_text().split() == ["opened", "closed"] * 2
+        env.close()
+    env = env.unwrapped
+    for use in (env.reset, env.state, lambda: env.step(FORCE)):
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError, match="closed; make another one"):
+            use()
+    again = pickle.loads(pickle.dumps(env))
+    again.reset(seed=1)
+    again.step(FORCE)
+
+
+def test_every_environment_is_closed_once(tmp_path: Path) -> None:
+    diary = tmp_path / "diary"
+    table = noted(diary, task_parameters=[parameter("weight", "constructor")])
+    env = elo.gym.Environment(table)
+    for weight in (1.0, 1.5, 2.0):
+        env.reset(seed=1, options={"task": {"weight": weight}})
+        env.step(FORCE)
+    del env
+    lines = diary.read_text().split()
+    assert (lines.count("opened"), lines.count("closed")) == (4, 4)
+    assert elo.conformance.simulator(noted(diary)) == []
+    lines = diary.read_text().split()
+    assert lines.count("opened") == lines.count("closed") > 20
+
+
+def test_environments_are_closed_when_the_interpreter_ends(tmp_path: Path) -> None:
+    program = f"import elo.gym\nenv = elo.gym.make({noted(tmp_path / 'diary')})\nenv.reset(seed=1)\nprint('the end')"
+    path = os.pathsep.join([str(ENVIRONMENTS), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-c", program]
+    ran = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
+    assert (ran.stdout, ran.stderr) == ("the end\n", "")
+    assert (tmp_path / "diary").read_text().split() == ["opened", "closed"] * 2
+
+
 def test_a_gymnasium_id_with_constructor_parameters_begins_in_states() -> None:
     env = environment("toys:Mass-v0", parameter("weight", "constructor"))
     env.reset(seed=1)
@@ -92,6 +141,14 @@ def test_a_state_that_is_one_array_is_given_back_as_it_was() -> None:
     with pytest.raises(ValueError, match="a state of another robot"):
         env.reset(options={"state": {**state, "velocities": [1.0]}})
     assert elo.conformance.simulator({"kind": "python", "target": "toys:Row", "reward_floor": -10.0, "state": {}}) == []
+
+
+def test_actions_lie_in_spaces_whose_bounds_are_rounded() -> None:
+    env = environment("toys:Strict")
+    env.reset(seed=1)
+    for force in (-1.0, -0.1, 0.1, 1.0):
+        env.step(np.array([force], np.float32))
+    assert elo.conformance.simulator({"kind": "python", "target": "toys:Strict", "reward_floor": -10.0, "state": {}}) == []
 
 
 def test_states_are_seen_through_wrappers() -> None:
@@ -123,6 +180,46 @@ def test_a_term_that_is_no_number_is_named() -> None:
     env.reset(seed=1)
     with pytest.raises(RuntimeError, match="the reward term `effort` None, expected a number"):
         env.step(FORCE)
+
+
+TERMS = [{"name": "nearness", "weight": 1.0}, {"name": "effort", "weight": 1.0}]
+
+
+@pytest.mark.parametrize(
+    ("how", "terms", "said"),
+    [
+        ("nan term", TERMS, "the reward term `effort` nan, which is not finite"),
+        ("nan reward", [], "the reward nan, which is not finite"),
+        ("complex reward", [], r"the reward .*1\+0j.*, expected a number"),
+        ("no info", TERMS, "`info` None, expected a mapping"),
+        ("list of terms", TERMS, r"`info\[\"reward_terms\"\]` \[1.0, 2.0\], expected a mapping"),
+        ("unsaid end", [], "`terminated` None, expected True or False"),
+        ("end in words", [], "`truncated` 'no', expected True or False"),
+    ],
+)
+def test_what_a_step_gives_is_checked_and_named(how: str, terms: list[dict[str, Any]], said: str) -> None:
+    env = wrong(how, reward_terms=terms)
+    env.reset(seed=1)
+    with pytest.raises(RuntimeError, match=said):
+        env.step(FORCE)
+
+
+def test_numbers_of_numpys_are_numbers() -> None:
+    env = environment("toys:Single", reward_terms=TERMS)
+    assert env.control_step == pytest.approx(0.05)
+    env.reset(seed=1)
+    _, reward, terminated, truncated, info = env.step(FORCE)
+    assert (terminated, truncated) == (True, False)
+    assert reward == pytest.approx(sum(info["reward_terms"].values())) and reward < -0.5
+    env = environment("toys:Single")
+    env.reset(seed=1)
+    assert env.step(FORCE)[1] == pytest.approx(reward)
+
+
+@pytest.mark.parametrize(("how", "said"), [("dict", "FlattenObservation"), ("discrete", "ActionWrapper")])
+def test_spaces_that_are_no_boxes_are_told_how_to_become_one(how: str, said: str) -> None:
+    with pytest.raises(ValueError, match=rf"expected a Box; wrap the environment by .*{said}"):
+        wrong(how)
 
 
 def told(folder: Path, target: str, role: str = "environment") -> str:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import copy
 import functools
 import pickle
-import subprocess
+import runpy
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, ClassVar
+from unittest.mock import MagicMock
 
 import elo
 import elo.gym
@@ -124,6 +127,20 @@ def test_what_the_options_do_not_fit_is_refused(option_set: Path) -> None:
     fast.control_step = 0.001
     with pytest.raises(ValueError, match=r"the options act every 0\.\d+ s, the environment every 0\.001 s"):
         elo.gym.OptionsWrapper(fast, options)
+    fast.control_step = np.float32(0.001)  # type: ignore[assignment]
+    with pytest.raises(ValueError, match=r"the environment every 0\.001\d* s"):
+        elo.gym.OptionsWrapper(fast, options)
+
+
+def test_discounts_that_are_none_are_refused(option_set: Path) -> None:
+    options = elo.load(option_set)
+    for discount in (0.0, -1.0, 1.5, np.nan):
+        with pytest.raises(ValueError, match=f"`discount` is {discount}, expected a number above 0 and at most 1"):
+            elo.gym.OptionsWrapper(Telling(options), options, discount=discount)
+    undiscounted = elo.gym.OptionsWrapper(Telling(options), options, discount=1.0)
+    undiscounted.reset(seed=1)
+    _, reward, _, _, info = undiscounted.step(0)
+    assert reward == info["return"]
 
 
 def test_actions_that_are_none_are_refused(option_set: Path) -> None:
@@ -219,12 +236,51 @@ def test_sets_are_sent_to_environments_in_other_processes(closed_loop_set: Path)
         there.close()
 
 
-def test_the_example_refuses_options_that_end_by_chance(closed_loop_set: Path, option_set: Path) -> None:
-    """It gives Stable-Baselines3 one discount for all decisions. The check is tried without that package."""
-    example = REPOSITORY / "examples" / "python" / "stable_baselines3" / "over_options.py"
-    source = example.read_text()
-    check = source[source.index("def check_lengths") : source.index("def main")]
-    for folder, code in ((option_set, 0), (closed_loop_set, 1)):
-        program = f"import sys, numpy as np, elo\n{check}\ncheck_lengths(elo.load({str(folder)!r}))"
-        ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-        assert ran.returncode == code and ("of one fixed length" in ran.stderr) == bool(code), ran.stderr
+class Learner:
+    """Stands in for Stable-Baselines3's PPO: notes the discount that it is given, and learns nothing from episodes of one step."""
+
+    discounts: ClassVar[list[float]] = []
+
+    def __init__(self, _policy: str, environment: Any, gamma: float, **_others: Any) -> None:
+        self.discounts.append(gamma)
+        assert environment.action_space is not None
+
+    def learn(self, limit: int, callback: Any) -> None:
+        callback.locals = {"infos": [{}], "rewards": np.ones(1), "dones": np.ones(1, bool)}
+        steps = 1
+        while callback._on_step():
+            steps += 1
+        assert steps == limit
+
+
+@pytest.fixture
+def example(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], Any]:
+    """Runs the example of PPO over options on a set, with something in the place of the packages that it needs."""
+    for name in ("matplotlib", "matplotlib.pyplot", "torch", "stable_baselines3", "stable_baselines3.common"):
+        monkeypatch.setitem(sys.modules, name, MagicMock())
+    monkeypatch.setitem(sys.modules, "stable_baselines3", SimpleNamespace(PPO=Learner))
+    callbacks = SimpleNamespace(BaseCallback=type("BaseCallback", (), {}))
+    monkeypatch.setitem(sys.modules, "stable_baselines3.common.callbacks", callbacks)
+    monkeypatch.setattr(Learner, "discounts", [])
+
+    def run(folder: Path) -> None:
+        program = REPOSITORY / "examples" / "python" / "stable_baselines3" / "over_options.py"
+        monkeypatch.setattr(sys, "argv", [str(program), str(folder), "10", "plot.png"])
+        runpy.run_path(str(program), run_name="__main__")
+
+    return run
+
+
+def test_the_example_refuses_options_that_end_by_chance(example: Callable[[Path], Any], closed_loop_set: Path) -> None:
+    """It gives Stable-Baselines3 one discount for all decisions."""
+    with pytest.raises(SystemExit, match="option 0 ends by chance; expected options of one fixed length"):
+        example(closed_loop_set)
+    assert Learner.discounts == []
+
+
+def test_the_example_discounts_decisions_by_their_length(
+    example: Callable[[Path], Any], option_set: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example(option_set)
+    assert Learner.discounts == [0.98, pytest.approx(0.98**8)]
+    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["torques", "options"]

@@ -39,6 +39,29 @@ def test_a_set_is_what_its_files_say(option_set: Path) -> None:
         options.act(0, np.zeros(5), 0)
 
 
+def test_what_options_cannot_take_is_refused(option_set: Path, closed_loop_run: Path) -> None:
+    closed = closed_loop_run / "results" / "option_sets" / "maximum_mean"
+    for options in (elo.load(option_set), elo.load(closed)):
+        observation = np.zeros(26)
+        for call in (options.act, options.termination):
+            for option in (-1, 3):
+                with pytest.raises(IndexError, match=f"option {option} of a set of 3"):
+                    call(option, observation, 0)
+            with pytest.raises(ValueError, match="`elapsed` is -1, expected a whole number from 0"):
+                call(0, observation, -1)
+            with pytest.raises(TypeError):
+                call(0.5, observation, 0)
+        for seed in (-1, 2**64):
+            with pytest.raises(ValueError, match=f"`seed` is {seed}, expected"):
+                options.act(0, observation, 0, seed)
+        assert np.array_equal(options.act(np.int64(1), observation, np.int64(2), np.int64(3)), options.act(1, observation, 2, 3))
+        for number in (np.nan, np.inf):
+            observation[7] = number
+            for ask in (options.interests, lambda seen: options.act(0, seen, 0), lambda seen: options.termination(0, seen, 0)):
+                with pytest.raises(ValueError, match=rf"observation\[7\] is {number}, expected finite numbers"):
+                    ask(observation)
+
+
 def test_a_damaged_or_missing_set_is_refused(option_set: Path, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="there is no folder .*nowhere"):
         elo.load(tmp_path / "nowhere")
@@ -64,6 +87,21 @@ def test_a_state_that_was_read_is_gone_on_from(option_set: Path) -> None:
     first = play(observation)
     again, _ = environment.reset(options={"state": state})
     assert np.allclose(again, observation) and play(again)[0][0] == pytest.approx(first[0][0], abs=1e-6)
+
+
+def test_states_and_tasks_may_hold_numpys_arrays_and_numbers() -> None:
+    environment = elo.gym.Environment(RAPIER, {"electricity_cost": np.float32(-0.5)})
+    environment.reset(seed=3)
+    state = environment.state()
+    first, _ = environment.reset(options={"state": state, "task": {"electricity_cost": -0.25}})
+    step = environment.step(np.ones(6, np.float32))
+    arrays = {name: np.asarray(value) if isinstance(value, list) else np.int64(value) for name, value in state.items()}
+    assert {type(value) for value in arrays.values()} == {np.ndarray, np.int64}
+    again, _ = environment.reset(options={"state": arrays, "task": {"electricity_cost": np.float32(-0.25)}})
+    assert np.array_equal(again, first)
+    assert environment.step(np.ones(6, np.float32))[1] == step[1]
+    with pytest.raises(TypeError, match="is set, expected what JSON can hold, or NumPy's arrays and numbers"):
+        environment.reset(options={"state": {**state, "positions": {1.0}}})
 
 
 @pytest.mark.filterwarnings("ignore:.*Box observation space.*")

@@ -169,8 +169,9 @@ def random_episodes(environment: RoboschoolBullet, episodes: int, seed: int) -> 
     return columns
 
 
-@pytest.mark.parametrize(("robot", "episodes"), [("ant", 200), ("half-cheetah", 400), ("walker2d", 400)])
-def test_random_policy_earns_what_it_earned_in_roboschool(make: Make, robot: str, episodes: int) -> None:
+@pytest.mark.parametrize("robot", ["ant", "half-cheetah", "walker2d"])
+def test_random_policy_earns_what_it_earned_in_roboschool(make: Make, robot: str) -> None:
+    episodes = 1000
     began = time.perf_counter()
     columns = random_episodes(make(robot), episodes, seed=1)
     seconds, steps = time.perf_counter() - began, columns["length"].sum()

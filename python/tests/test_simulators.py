@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
 from pathlib import Path
 
@@ -112,6 +113,46 @@ def test_conformance_finds_what_is_not_repeatable(monkeypatch: pytest.MonkeyPatc
     monkeypatch.syspath_prepend(str(Path(__file__).parent / "environments"))
     config = {"kind": "python", "target": "toys:Wrong", "kwargs": {"how": "hidden counter"}}
     assert "a_used_object_repeats" in elo.conformance.simulator(config)
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("shows its process", r"step 1: observation\[1\]: expected -?\d\.\d+, got \d{2,}"),
+        ("pays a little more", r"step 1: reward term `reward`: expected -\d\.\d+, got -\d\.\d+"),
+        ("ends", r"step 1: terminated: expected 0\.0, got 1\.0"),
+        ("sees more", "numbers in observation and reward: expected 3, got 4"),
+        ("is not made", "in the other process: expected an episode, got exit code 1: .*the port is taken"),
+        ("exits", "in the other process: expected an episode, got exit code 3$"),
+        ("aborts", r"in the other process: expected an episode, got signal 6 \(SIGABRT\)"),
+    ],
+)
+def test_conformance_finds_what_other_processes_do_otherwise(
+    how: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent / "environments"))
+    config = {"kind": "python", "target": "toys:Away", "kwargs": {"home": os.getpid(), "how": how}, "reward_floor": -10.0}
+    assert elo.conformance.simulator(config) == ["another_process_repeats"]
+    report = capsys.readouterr().out
+    assert re.search(f"^  FAILED  another_process_repeats: {said}", report, re.MULTILINE), report
+    assert re.search(r"toys:Away.*: \d+ passed, 1 failed, \d+ skipped$", report, re.MULTILINE), report
+
+
+def test_conformance_tells_of_the_rule_about_other_processes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent / "environments"))
+    config = {"kind": "python", "target": "toys:Mass", "reward_floor": -10.0}
+    _, others = elo._elo.conformance("simulator", json.dumps(config), json.dumps({"kind": "point_mass"}))
+    assert elo.conformance.simulator(config) == []
+    head, *lines = capsys.readouterr().out.rstrip("\n").split("\n")
+    passed = int(re.search(r": (\d+) passed, 0 failed", others.split("\n")[0])[1])
+    assert lines == others.split("\n")[1:]
+    assert head == others.split("\n")[0].replace(f"{passed} passed", f"{passed + 1} passed")
+    # One that fails here fails there, and is told once.
+    raising = {"kind": "python", "target": "toys:Wrong", "kwargs": {"how": "raises", "at": 0.0}}
+    assert "another_process_repeats" in elo.conformance.simulator(raising)
+    assert "in this process: expected an episode, got RuntimeError: the motor is on fire" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 The Rust side makes one `Bridge` for each simulator and calls `prepare`, `reset`, `restore`, `step` and `state`; observation, action
 and reward terms pass through arrays that both sides see. Everything that an environment gives is checked here, but for
-whether its numbers are finite: that is checked once, where they are taken over.
+whether the numbers of its observations are finite: that is checked once, where they are taken over.
 """
 
 from __future__ import annotations
@@ -10,9 +10,12 @@ from __future__ import annotations
 import copy
 import importlib
 import json
+import numbers
 import re
 import sys
+import weakref
 from collections.abc import Callable, Mapping, Sequence
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -61,27 +64,54 @@ def _made(target: str, kwargs: dict[str, Any]) -> Any:
         raise BadTarget(f"`{target}`: {error}") from error
 
 
+BOXES = {
+    "observation": "gymnasium.wrappers.FlattenObservation or by a gymnasium.ObservationWrapper of your own",
+    "action": "a gymnasium.ActionWrapper of your own that makes its actions of those of a Box",
+}
+"""What gives an environment a space that is a box."""
+
+
 def _box(space: Any, what: str) -> Any:
-    """The space, which must be a box: other spaces are told how to become one."""
+    """The space, which must be a box: other spaces are told how to become one. `what` is one of `BOXES`."""
     spaces = _gymnasium().spaces
     if not isinstance(space, spaces.Box):
-        raise BadTarget(
-            f"its {what} space is {space}, expected a Box; wrap the environment, for instance by "
-            "gymnasium.wrappers.FlattenObservation or by one of your own"
-        )
+        raise BadTarget(f"its {what} space is {space}, expected a Box; wrap the environment by {BOXES[what]}")
     return space
 
 
-def _number(value: Any, what: str) -> Any:
-    """The value, which must be one number."""
-    scalar = isinstance(value, (int, float, np.number, np.bool_))
+def _number(value: Any, what: str) -> float:
+    """The value, which must be one finite number."""
+    scalar = isinstance(value, (numbers.Real, np.bool_))
     if scalar or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "fiub"):
-        return value
+        number = float(value)
+        if isfinite(number):
+            return number
+        raise BadTarget(f"step gave {what} {number}, which is not finite")
     raise BadTarget(f"step gave {what} {value!r}, expected a number")
 
 
+def _truth(value: Any, what: str) -> bool:
+    """The value, which must be true or false: what is merely empty or not, such as a text, is most likely a mistake."""
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    raise BadTarget(f"step gave `{what}` {value!r}, expected True or False")
+
+
+def _positive(value: Any) -> float | None:
+    """The value, if it is a number that can be a time step or a rate."""
+    able = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    number = float(value) if able else 0.0
+    return number if 0.0 < number < inf else None
+
+
 class Bridge:
-    """One environment. `action`, `observation` and `terms` are the arrays that both sides see."""
+    """One environment. `action`, `observation` and `terms` are the arrays that both sides see.
+
+    What a step gives is mostly of Python's own types, which pass without a further call: beside a small environment it would count.
+
+    The environment is closed as soon as nothing refers to the bridge, and else when the interpreter ends. So nothing in here may
+    refer to the bridge in a circle.
+    """
 
     def __init__(self, config: str) -> None:
         self._config: dict[str, Any] = json.loads(config)
@@ -108,10 +138,11 @@ class Bridge:
 
     def _handing(self, space: Any) -> Callable[[], Any]:
         """What gives the action as the space has it: an array that an environment may keep or change."""
-        shape, dtype = space.shape, space.dtype
+        action, shape, dtype, low, high = self.action, space.shape, space.dtype, space.low, space.high
         if dtype == np.float32 and len(shape) == 1:
-            return self.action.copy
-        return lambda: self.action.astype(dtype).reshape(shape)
+            return action.copy
+        # The bounds that the other side keeps to are rounded to float32, which may lie beyond those of the space.
+        return lambda: np.clip(action.astype(dtype).reshape(shape), low, high)
 
     # What it is.
 
@@ -136,11 +167,9 @@ class Bridge:
     def _control_step(self) -> float:
         declared = self._config.get("control_step")
         raw = self._env.unwrapped
-        rate = (getattr(raw, "metadata", None) or {}).get("render_fps")
-        for step in (declared, getattr(raw, "control_step", None), getattr(raw, "dt", None), rate and 1.0 / rate):
-            if isinstance(step, (int, float)) and step > 0:
-                return float(step)
-        return 1.0
+        rate = _positive((getattr(raw, "metadata", None) or {}).get("render_fps"))
+        steps = map(_positive, (declared, getattr(raw, "control_step", None), getattr(raw, "dt", None)))
+        return next((step for step in steps if step), 1.0 / rate if rate else 1.0)
 
     # Making it.
 
@@ -158,6 +187,7 @@ class Bridge:
         self._states = States(env, methods["get"], methods["set"]) if methods else None
         # An engine leaves nothing of this in the processor's caches, so each lookup counts.
         self._env, self._env_reset, self._env_step = env, env.reset, env.step
+        self._closing = weakref.finalize(self, env.close)
         self._fresh = True
 
     def prepare(self, values: Sequence[float]) -> None:
@@ -168,14 +198,18 @@ class Bridge:
         pairs = zip(self._parameters, changed, self._values, strict=True)
         if any(p["binding"] == "constructor" and new != old for p, new, old in pairs):
             # The old one goes on as it was when the new one cannot be made.
-            old = self._env
+            close = self._closing
             self._adopt(self._make(changed))
             self._values = changed
-            old.close()
+            close()
         self._values = changed
         self._set_attributes()
         bound = zip(self._parameters, changed, strict=True)
         self._options = {p["name"]: value for p, value in bound if p["binding"] == "option"}
+
+    def close(self) -> None:
+        """Closes the environment, which cannot be used any more. Does nothing when it is closed already."""
+        self._closing()
 
     def _set_attributes(self) -> None:
         raw = self._env.unwrapped
@@ -228,10 +262,12 @@ class Bridge:
         observation, reward, terminated, truncated, info = given
         self._elapsed += 1
         self._see(observation, "step")
-        if type(reward) is float and not self._names:
-            self.terms[0] = reward
+        if self._names:
+            self._price(info)
         else:
-            self._price(reward, info)
+            self.terms[0] = reward if type(reward) is float and isfinite(reward) else _number(reward, "the reward")
+        if type(terminated) is not bool or type(truncated) is not bool:
+            terminated, truncated = _truth(terminated, "terminated"), _truth(truncated, "truncated")
         return 1 if terminated else 2 if truncated else 0
 
     def _see(self, observation: Any, where: str) -> None:
@@ -244,13 +280,16 @@ class Bridge:
             raise BadTarget(f"{where} gave an observation of {array.dtype}, expected numbers")
         self._shown[...] = array
 
-    def _price(self, reward: Any, info: Any) -> None:
-        if not self._names:
-            self.terms[0] = _number(reward, "the reward")
-            return
+    def _price(self, info: Any) -> None:
+        if not isinstance(info, (dict, Mapping)):
+            raise BadTarget(f"step gave `info` {info!r}, expected a mapping with the reward terms that the config names")
         terms = info.get("reward_terms", info)
+        if not isinstance(terms, (dict, Mapping)):
+            raise BadTarget(f"step gave `info[\"reward_terms\"]` {terms!r}, expected a mapping of names to numbers")
         for index, name in enumerate(self._names):
             if name not in terms:
                 found = ", ".join(map(str, terms)) or "nothing"
                 raise BadTarget(f"step's info has no reward term `{name}`; it has {found}")
-            self.terms[index] = _number(terms[name], f"the reward term `{name}`")
+            term = terms[name]
+            fine = type(term) is float and isfinite(term)
+            self.terms[index] = term if fine else _number(term, f"the reward term `{name}`")

@@ -103,6 +103,20 @@ class Wrong(Mass):
             reward = None
         if self.how == "no term":
             info["reward_terms"]["effort"] = None
+        if self.how == "nan term":
+            info["reward_terms"]["effort"] = np.float32(np.nan)
+        if self.how == "nan reward":
+            reward = np.nan
+        if self.how == "complex reward":
+            reward = np.complex64(1.0)
+        if self.how == "no info":
+            info = None
+        if self.how == "list of terms":
+            info["reward_terms"] = [1.0, 2.0]
+        if self.how == "unsaid end":
+            terminated = None
+        if self.how == "end in words":
+            terminated, truncated = True, "no"
         return observation, reward, terminated, truncated, info
 
 
@@ -151,6 +165,75 @@ class Row(Mass):
         assert isinstance(state, np.ndarray) and state.shape == (1, 2), state
         self.place, self.speed = state[0].tolist()
         return self._see()
+
+
+class Strict(Mass):
+    """Takes actions of 64 bits, in a row of rows, and none beyond its bounds, which numbers of 32 bits cannot tell."""
+
+    action_space = gymnasium.spaces.Box(-0.1, 0.1, (1, 1), np.float64)  # type: ignore[assignment]
+
+    def step(self, action: Any) -> Any:
+        assert self.action_space.contains(action), f"{action!r} is not in {self.action_space}"
+        return super().step(action[0])
+
+
+class Single(Mass):
+    """Gives all that it gives as NumPy's own numbers, its time step too. It ends at once."""
+
+    control_step = None  # type: ignore[assignment]
+    dt = np.float32(0.05)
+
+    def step(self, action: Any) -> Any:
+        observation, reward, _, _, info = super().step(action)
+        terms = {name: np.float32(term) for name, term in info["reward_terms"].items()}
+        return observation, np.float32(reward), np.bool_(True), np.False_, {"reward_terms": terms}
+
+
+class Noted(Strict):
+    """Notes in a file, a line each, when one is opened and when it is closed."""
+
+    def __init__(self, diary: str, weight: float = 1.0) -> None:
+        super().__init__(weight)
+        self.diary = Path(diary)
+        self._note("opened")
+
+    def _note(self, what: str) -> None:
+        with open(self.diary, "a") as file:
+            file.write(f"{what}\n")
+
+    def close(self) -> None:
+        self._note("closed")
+
+
+class Away(Mass):
+    """Goes wrong in the way called `how` in every process but `home`."""
+
+    def __init__(self, home: int, how: str) -> None:
+        super().__init__()
+        self.how = how if os.getpid() != home else ""
+        if self.how == "is not made":
+            raise RuntimeError("the port is taken")
+        if self.how == "sees more":
+            self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+
+    def _see(self) -> Any:
+        seen = super()._see()
+        return np.append(seen, np.float32(0.0)) if self.how == "sees more" else seen
+
+    def step(self, action: Any) -> Any:
+        print("a step")
+        observation, reward, terminated, truncated, info = super().step(action)
+        if self.how == "shows its process":
+            observation[1] += os.getpid()
+        if self.how == "pays a little more":
+            reward = np.nextafter(reward, 1.0)
+        if self.how == "ends":
+            terminated = True
+        if self.how == "exits":
+            os._exit(3)
+        if self.how == "aborts":
+            os.abort()
+        return observation, reward, terminated, truncated, info
 
 
 class Doubled(gymnasium.ObservationWrapper[Any, Any, Any]):
