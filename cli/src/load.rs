@@ -10,7 +10,7 @@ use elo_core::plugin::Plugin;
 use elo_core::policy::Unwatched;
 use elo_core::results;
 use elo_core::units::Work;
-use elo_core::workforce::{Job, Undone, Workforce};
+use elo_core::workforce::{Job, TRIES, Undone, Workforce};
 
 use crate::exit::Exit;
 use crate::hosts::{Programs, remedy};
@@ -104,7 +104,8 @@ fn describe(experiment: &mut Experiment, faults: &mut Faults) {
         let Some(hosted) = plugin.hosted().filter(|hosted| hosted.needs_description()) else { continue };
         let program = hosted.worker();
         let work = serde_json::to_vec(&Work::from(plugin)).expect("descriptions are plain data");
-        match workforce.run(Job { program, work: &work, inputs: &[] }, &mut Unwatched, &mut |_| ()) {
+        let job = Job { program, work: &work, inputs: &[], workers: TRIES };
+        match workforce.run(job, &mut Unwatched, &mut |_| ()) {
             Ok(description) => drop(said.insert(path, description)),
             Err(Undone::Start(fault)) => {
                 return faults.add("workers.python", format!("{fault}{}", remedy(&program)));

@@ -11,7 +11,7 @@ use elo_core::policy::Unwatched;
 use elo_core::run_dir::RunDir;
 use elo_core::units::Work;
 use elo_core::units::rehearse::{Rehearse, Rehearsed};
-use elo_core::workforce::{Job, Workforce};
+use elo_core::workforce::{Job, TRIES, Workforce};
 
 use crate::exit::Exit;
 use crate::hosts::Programs;
@@ -61,7 +61,7 @@ pub fn rehearse(experiment: &Experiment) -> Result<(), Exit> {
     let programs = Programs::of(experiment);
     let work = Work::from(Rehearse(duplicate(&experiment.simulator)));
     let work = serde_json::to_vec(&work).expect("descriptions are plain data");
-    let job = Job { program: hosted.worker(), work: &work, inputs: &[] };
+    let job = Job { program: hosted.worker(), work: &work, inputs: &[], workers: TRIES };
     let done = Workforce::new(&programs).run(job, &mut Unwatched, &mut |_| ());
     let bad = |why: String| {
         Exit::BadInput(format!("`simulator`: a short trial before any work failed: {why}\n{ALL_RULES}"))

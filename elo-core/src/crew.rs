@@ -14,6 +14,7 @@ use crate::run_dir::{RunDir, RunDirError};
 use crate::seed::Seed;
 use crate::statistics::StatisticsError;
 use crate::units::codec::Malformed;
+use crate::units::loss::AfterLoss;
 use crate::units::{Site, Work, WorkError};
 use crate::worker::WorkerFault;
 use crate::workforce::{Hosts, Job, TRIES, Undone, Workforce};
@@ -283,7 +284,8 @@ impl Shift<'_> {
         done
     }
 
-    /// Has a worker process do the unit. A worker that dies is replaced and the unit tried again with the same seeds.
+    /// Has a worker process do the unit. A worker that dies is replaced, and what it was at is tried again with the same
+    /// seeds.
     fn send(
         &self,
         program: &WorkerProgram,
@@ -292,22 +294,30 @@ impl Shift<'_> {
         monitor: &mut UnitMonitor<'_>,
     ) -> Result<Vec<u8>, WorkError> {
         let work = serde_json::to_vec(&unit.work).expect("descriptions are plain data");
-        let (job, key) = (Job { program: *program, work: &work, inputs }, monitor.key);
+        let job = Job { program: *program, work: &work, inputs, workers: unit.work.workers() };
+        let key = monitor.key;
         let mut lost = |fault: &WorkerFault| {
             self.crew.watcher.notice(&format!("{program}, unit {key}: {fault}"));
         };
-        match self.crew.workforce.run(job, monitor, &mut lost) {
-            Ok(bytes) => Ok(bytes),
-            Err(Undone::Stopped(stopped)) => Err(stopped.into()),
-            Err(Undone::Failed(fault)) => Err(WorkError::Failed(fault.to_string())),
-            Err(Undone::Lost(fault)) => {
-                let reason = format!("{program} was lost {TRIES} times: {fault}");
-                let outcome = unit.work.outcome_of_lost_worker(inputs, &format!("unit {key}: {reason}"))?;
-                outcome.ok_or(WorkError::Failed(reason))
-            }
-            Err(Undone::Start(fault)) => {
-                monitor.trouble = Some(RunError::Worker(fault));
-                Err(Stopped.into())
+        loop {
+            let fault = match self.crew.workforce.run(job, monitor, &mut lost) {
+                Ok(bytes) => return Ok(bytes),
+                Err(Undone::Stopped(stopped)) => return Err(stopped.into()),
+                Err(Undone::Failed(fault)) => return Err(WorkError::Failed(fault.to_string())),
+                Err(Undone::Lost(fault)) => fault,
+                Err(Undone::Start(fault)) => {
+                    monitor.trouble = Some(RunError::Worker(fault));
+                    return Err(Stopped.into());
+                }
+            };
+            let kept = monitor.resume();
+            monitor.go_on()?;
+            let reason = format!("{program} was lost {TRIES} times: {fault}");
+            let next = unit.work.after_loss(inputs, kept.as_deref(), &format!("unit {key}: {reason}"))?;
+            match next {
+                Some(AfterLoss::TakeUp(kept)) => monitor.checkpoint(&kept)?,
+                Some(AfterLoss::Result(bytes)) => return Ok(bytes),
+                None => return Err(WorkError::Failed(reason)),
             }
         }
     }
@@ -334,6 +344,13 @@ struct UnitMonitor<'a> {
     trouble: Option<RunError>,
 }
 
+impl UnitMonitor<'_> {
+    fn go_on(&self) -> Result<(), Stopped> {
+        let stop = self.trouble.is_some() || self.shift.crew.stop.load(Ordering::Relaxed);
+        if stop { Err(Stopped) } else { Ok(()) }
+    }
+}
+
 impl Monitor for UnitMonitor<'_> {
     fn resume(&mut self) -> Option<Vec<u8>> {
         match self.shift.crew.run_dir.read_checkpoint(self.key) {
@@ -356,9 +373,7 @@ impl Monitor for UnitMonitor<'_> {
     }
 
     fn progress(&mut self, done: u64, total: u64) -> Result<(), Stopped> {
-        if self.trouble.is_some() || self.shift.crew.stop.load(Ordering::Relaxed) {
-            return Err(Stopped);
-        }
+        self.go_on()?;
         self.shift.tell(self.index, done as f64 / total.max(1) as f64);
         Ok(())
     }

@@ -136,6 +136,12 @@ pub fn crosscheck(
     contexts: usize,
 ) -> Result<Crosscheck, RunError> {
     run.comparable_with(others)?;
+    if discovery.candidates.len() < 2 {
+        return Err(RunError::Config(format!(
+            "a cross-check ranks candidates and needs at least 2, the run has {}: raise `discover.candidates`",
+            discovery.candidates.len()
+        )));
+    }
     let own = run.held_out_contexts(contexts)?;
     let set_size = run.experiment.candidates_of_a_set();
 

@@ -123,6 +123,7 @@ fn option_set(run: &Run<'_>, discovery: &Discovery, index: usize) -> Result<Opti
     });
     let manifest = Manifest {
         format: OPTION_SET_FORMAT,
+        tensors_blake3: None,
         metric: choice.metric.clone(),
         spec: discovery.spec.clone(),
         horizon: run.experiment.discover.horizon(),

@@ -6,7 +6,7 @@ use crate::hosted::WorkerProgram;
 use crate::policy::{Monitor, Stopped};
 use crate::worker::{WorkerFault, WorkerProcess};
 
-/// A job over which workers are lost is tried this often in all, each time in a new worker.
+/// What workers are lost over is tried this often in all, each time in a new worker.
 pub const TRIES: usize = 3;
 
 /// Starts worker programs.
@@ -27,7 +27,7 @@ pub enum Undone {
     /// The worker is in order and cannot do the job.
     #[error(transparent)]
     Failed(WorkerFault),
-    /// All [`TRIES`] workers were lost; how the last one was.
+    /// As many workers were lost as may be; how the last one was.
     #[error(transparent)]
     Lost(WorkerFault),
     /// The monitor asked to stop.
@@ -44,6 +44,8 @@ pub struct Job<'a> {
     pub work: &'a [u8],
     /// What it needs for that.
     pub inputs: &'a [Vec<u8>],
+    /// How many workers may be lost over it, at least 1; [`TRIES`] where nothing speaks against it.
+    pub workers: usize,
 }
 
 /// See the [module](self). Several threads may have jobs done at once, each by a worker of its own.
@@ -88,7 +90,7 @@ impl<'a> Workforce<'a> {
                 Err(fault) if fault.was_killed() => fault,
                 Err(fault) => return Err(Undone::Start(fault)),
             };
-            if tries == TRIES {
+            if tries >= job.workers {
                 return Err(Undone::Lost(fault));
             }
         }

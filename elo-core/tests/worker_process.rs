@@ -434,7 +434,7 @@ fn workers_are_used_again_until_they_are_lost_and_replaced_so_many_times() {
         let (workforce, mut lost) = (Workforce::new(hosts), 0);
         let mut run = |work: &&str| {
             let program = WorkerProgram::Beside("worker");
-            let job = Job { program, work: work.as_bytes(), inputs: &[] };
+            let job = Job { program, work: work.as_bytes(), inputs: &[], workers: TRIES };
             workforce.run(job, &mut Unwatched, &mut |_| lost += 1)
         };
         let done: Vec<_> = jobs.iter().map(&mut run).collect();
@@ -457,7 +457,8 @@ fn workers_are_used_again_until_they_are_lost_and_replaced_so_many_times() {
     assert!(matches!(lost_over(&hosts, &["count"]).0.as_slice(), [Err(Undone::Lost(_))]));
 
     // What is not there is not tried again.
-    let job = Job { program: WorkerProgram::Interpreter("nowhere"), work: b"count", inputs: &[] };
+    let job =
+        Job { program: WorkerProgram::Interpreter("nowhere"), work: b"count", inputs: &[], workers: TRIES };
     let done = Workforce::new(&hosts).run(job, &mut Unwatched, &mut |_| panic!("nothing was lost"));
     assert!(matches!(done, Err(Undone::Start(WorkerFault::Start { .. }))));
 }

@@ -109,7 +109,7 @@ def load(path: str | os.PathLike[str]) -> OptionSet:
     """Reads the option set in a folder, e.g. `runs/NAME/results/option_sets/maximum_mean`.
 
     Raises FileNotFoundError when there is no such folder, ValueError when a file is missing, damaged, or of a format that this version
-    does not read.
+    does not read. A changed number in the tensors is found by their hash in the manifest; sets of format 1 have none.
     """
     if not Path(path).is_dir():
         raise FileNotFoundError(f"there is no folder {os.fspath(path)}; `elo discover` writes option sets to results/option_sets/METRIC")

@@ -70,6 +70,16 @@ def test_a_damaged_or_missing_set_is_refused(option_set: Path, tmp_path: Path) -
     (tmp_path / "manifest.json").write_bytes((option_set / "manifest.json").read_bytes()[:-40])
     with pytest.raises(ValueError, match="manifest.json"):
         elo.load(tmp_path)
+    (tmp_path / "manifest.json").write_bytes((option_set / "manifest.json").read_bytes())
+    tensors = bytearray((option_set / "options.safetensors").read_bytes())
+    for position in range(0, len(tensors), len(tensors) // 50):
+        damaged = tensors.copy()
+        damaged[position] ^= 1
+        (tmp_path / "options.safetensors").write_bytes(damaged)
+        with pytest.raises(ValueError, match="options.safetensors"):
+            elo.load(tmp_path)
+    (tmp_path / "options.safetensors").write_bytes(tensors)
+    assert len(elo.load(tmp_path)) == len(elo.load(option_set))
 
 
 def test_a_state_that_was_read_is_gone_on_from(option_set: Path) -> None:

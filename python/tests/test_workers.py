@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import Discover
 from test_simulators import MASS, TAUGHT, failures, wrong
@@ -50,6 +52,35 @@ def test_a_rollout_that_crashes_each_time_is_recorded(discover: Discover, tmp_pa
     assert ran.returncode == 0, ran.stderr
     lost = failures(tmp_path / "run")
     assert lost and all(signal in row["reason"] and "toys.py" in row["reason"] for row in lost), lost
+    rows = crashing_rows(tmp_path / "run" / "results")
+    assert rows and {(row["table"], int(row["row"]), int(row["context"])) for row in lost} == rows
+
+
+def crashing_rows(results: Path) -> set[tuple[str, int, int]]:
+    """Every row of every table, in the contexts whose `at` is below 0."""
+    rows = set()
+    for table, split in [("select", "select"), ("report_options", "report"), ("report_baselines", "report")]:
+        with open(results / f"contexts_{split}.csv", newline="") as file:
+            crashing = [number for number, context in enumerate(csv.DictReader(file)) if float(context["at"]) < 0.0]
+        count = len(np.load(results / f"{table}_ending.npy"))
+        rows |= {(table, row, context) for row in range(count) for context in crashing}
+    return rows
+
+
+@pytest.mark.parametrize(("how", "signal"), CRASHES)
+def test_a_recording_that_crashes_is_taken_again(discover: Discover, tmp_path: Path, how: str, signal: str) -> None:
+    """Beyond 0.45 from the middle, where few starts lie and few recordings go."""
+    shorter = ["--set", "initial_states.max_random_steps=0", "--set", "discover.steps=5"]
+    ran = discover(wrong(how, at=0.45), *TAUGHT, *shorter, "--set", "discover.candidates=12")
+    assert ran.returncode == 0, ran.stderr
+    taken = [row for row in failures(tmp_path / "run") if row["table"] == "recordings"]
+    assert taken and all(signal in row["reason"] for row in taken), taken
+    with open(tmp_path / "run" / "results" / "candidates.csv", newline="") as file:
+        candidates = {row["number"]: int(row["retakes"]) for row in csv.DictReader(file)}
+    assert len(candidates) == 12
+    for number, retakes in candidates.items():
+        takes = [int(row["context"]) for row in taken if row["row"] == number]
+        assert takes == list(range(retakes)), (number, retakes, takes)
 
 
 @pytest.mark.parametrize(("how", "signal"), CRASHES)

@@ -147,15 +147,20 @@ type Side<'a> = (&'a str, &'a Counting);
 /// A cross-check of a small run on `own` with `other`; all options are too strong where they are `overdriven`.
 fn checked(own: Side<'_>, other: Side<'_>, overdriven: bool) -> Result<Crosscheck, RunError> {
     let learner = format!("kind = \"wayward\"\noverdriven_share = {}.0", u8::from(overdriven));
+    checked_with(own, other, &[("kind = \"open_loop\"", &learner)])
+}
+
+/// The same with other changes.
+fn checked_with(own: Side<'_>, other: Side<'_>, changes: &[(&str, &str)]) -> Result<Crosscheck, RunError> {
     let on = |simulator: &str| {
-        experiment(&toy_with(&[
+        let small = [
             ("kind = \"point_mass\"\nreset_spread = 0.5", simulator),
-            ("kind = \"open_loop\"", &learner),
             ("steps = 16_384", "steps = 2048"),
             ("checkpoint_every = 2048", "checkpoint_every = 4096"),
             ("candidates = 24\ncontexts = 60", "candidates = 6\ncontexts = 6"),
             ("contexts = 60\nrandom", "contexts = 6\nrandom"),
-        ]))
+        ];
+        experiment(&toy_with(&[&small, changes].concat()))
     };
     let (here, there) = (on(own.0), on(other.0));
     let folder = tempfile::tempdir().unwrap();
@@ -175,6 +180,14 @@ fn here(own: &str, other: &str) -> Crosscheck {
 }
 
 const POINT_MASS: &str = "kind = \"point_mass\"\nreset_spread = 0.5";
+
+#[test]
+fn a_single_candidate_cannot_be_ranked() {
+    let none = Counting::default();
+    let single = [("candidates = 6", "candidates = 1"), ("set_size = 3", "set_size = 1")];
+    let refused = checked_with((POINT_MASS, &none), (POINT_MASS, &none), &single).unwrap_err().to_string();
+    assert!(refused.contains("needs at least 2, the run has 1: raise `discover.candidates`"), "{refused}");
+}
 
 #[test]
 fn terms_are_priced_by_their_names() {

@@ -286,7 +286,7 @@ const CASES: &[Case] = &[
         changes: &[],
         arguments: &["evaluate", "later"],
         code: 2,
-        stderr: "elo: later/manifest.json: option-set format 2, this program reads format 1",
+        stderr: "elo: later/manifest.json: option-set format 3, this program reads formats 1 to 2",
     },
     Case {
         what: "option set of another robot",

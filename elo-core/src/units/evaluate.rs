@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::codec::{self, Malformed};
+use super::loss::Piecewise;
 use super::play::Play;
 use super::{Site, Work, WorkError, input, learn, prepare, record};
 use crate::agent::{Agent, InfantAgent, RandomTorque, Taught, ZeroTorque};
@@ -116,11 +117,19 @@ impl Evaluate {
         site: &mut Site,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
+        let (mut table, keeping) = self.take_up(inputs, monitor)?;
         let contexts = self.read_contexts(inputs)?;
-        let played: Vec<(Rollout, ())> = self.play.run(&contexts, inputs, site, monitor)?;
-        let terms = self.play.simulator.spec()?.reward_terms.len();
-        let rollouts = played.into_iter().map(|(rollout, ())| rollout).collect();
-        Ok(RolloutTable { terms, contexts: contexts.len(), rollouts }.encode())
+        let mut ensemble = self.play.ensemble(&contexts, inputs, site)?;
+        let total = ensemble.rollouts();
+        while table.rollouts.len() < total {
+            monitor.progress(table.rollouts.len() as u64, total as u64)?;
+            let (rollout, ()) = ensemble.play(table.rollouts.len())?;
+            table.rollouts.push(rollout);
+            if keeping {
+                Self::keep(&table, monitor)?;
+            }
+        }
+        Ok(table.encode())
     }
 }
 
@@ -132,15 +141,34 @@ impl Evaluate {
         }
         Ok(contexts)
     }
+}
 
-    /// The table in which every rollout failed for this reason.
-    pub(super) fn all_failed(&self, inputs: &[Vec<u8>], reason: &str) -> Result<Vec<u8>, WorkError> {
+/// Rollout by rollout, row by row.
+impl Piecewise for Evaluate {
+    type Done = RolloutTable;
+
+    fn begin(&self, inputs: &[Vec<u8>]) -> Result<RolloutTable, WorkError> {
         let contexts = self.read_contexts(inputs)?.len();
         let terms = self.play.simulator.spec()?.reward_terms.len();
+        Ok(RolloutTable { terms, contexts, rollouts: Vec::new() })
+    }
+
+    fn to_bytes(done: &RolloutTable) -> Vec<u8> {
+        done.encode()
+    }
+
+    fn from_bytes(bytes: &[u8]) -> Result<RolloutTable, Malformed> {
+        RolloutTable::decode(bytes)
+    }
+
+    fn result(&self, done: &RolloutTable) -> Option<Vec<u8>> {
+        (done.rollouts.len() == done.contexts * self.play.subjects.len()).then(|| done.encode())
+    }
+
+    fn give_up_next(&self, done: &mut RolloutTable, reason: &str) -> Result<(), WorkError> {
         let ending = Ending::Failed(reason.to_owned());
-        let rollout = Rollout { term_sums: vec![0.0; terms], length: 0, ending, clamped: 0 };
-        let rollouts = vec![rollout; contexts * self.play.subjects.len()];
-        Ok(RolloutTable { terms, contexts, rollouts }.encode())
+        done.rollouts.push(Rollout { term_sums: vec![0.0; done.terms], length: 0, ending, clamped: 0 });
+        Ok(())
     }
 }
 

@@ -161,6 +161,7 @@ impl From<Film> for Work {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::super::evaluate::{Behavior, RolloutTable, Subject};
+    use super::super::loss::AfterLoss;
     use super::super::play::Play;
     use super::super::prepare;
     use super::*;
@@ -233,7 +234,9 @@ mod tests {
         assert!((0..bytes.len()).all(|length| Filmed::decode(&bytes[..length]).is_err()));
         let greedy = Filmed { scene: None, takes: decoded.takes };
         assert!(Filmed::decode(&greedy.encode()).is_err(), "steps without bodies");
-        let lost = work.outcome_of_lost_worker(&inputs(), "it died").unwrap().unwrap();
+        let Some(AfterLoss::Result(lost)) = work.after_loss(&inputs(), None, "it died").unwrap() else {
+            panic!("a film is never taken up again");
+        };
         assert_eq!(Filmed::decode(&lost).unwrap(), Filmed::nothing());
     }
 }

@@ -13,6 +13,7 @@ pub mod describe;
 pub mod evaluate;
 pub mod film;
 pub mod learn;
+pub mod loss;
 pub mod play;
 pub mod practise;
 pub mod prepare;
@@ -31,9 +32,11 @@ use crate::key::{Key, Stage};
 use crate::policy::{Monitor, PolicyFormat, Stopped};
 use crate::seed::Seed;
 use crate::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
+use crate::workforce::TRIES;
 use codec::Malformed;
 use evaluate::{Evaluate, Subject};
 use film::Film;
+use loss::{AfterLoss, Piecewise as _};
 use trace::{Trace, Traced};
 
 /// A unit's description; its variants are the stages.
@@ -176,22 +179,33 @@ impl Work {
 }
 
 impl Work {
-    /// What becomes of a unit whose worker could not be kept alive: rollouts are recorded as failed and counted by the
-    /// failure rule, films and trajectories are left out; `None` for other stages, which cannot go on.
+    /// Workers that may be lost over the unit before [`Self::after_loss`] is asked. Stages that keep what they have done
+    /// count there how many each rollout costs.
+    pub fn workers(&self) -> usize {
+        match self {
+            Self::Evaluate(_) | Self::Record(_) => 1,
+            _ => TRIES,
+        }
+    }
+
+    /// What becomes of a unit over which [so many](Self::workers) workers were lost, whose newest checkpoint is `kept`.
+    /// A rollout that loses too many of them is recorded as failed for this `reason` and counted by the failure rule, and
+    /// a recording is taken again; films and trajectories are left out. `None` for other stages, which cannot go on.
     ///
     /// # Errors
-    /// Inputs that cannot be read.
-    pub fn outcome_of_lost_worker(
+    /// Inputs or a checkpoint that cannot be read; a hosted teacher whose every take failed.
+    pub fn after_loss(
         &self,
         inputs: &[Vec<u8>],
+        kept: Option<&[u8]>,
         reason: &str,
-    ) -> Result<Option<Vec<u8>>, WorkError> {
+    ) -> Result<Option<AfterLoss>, WorkError> {
         match self {
-            Self::Evaluate(work) => work.all_failed(inputs, reason).map(Some),
-            Self::Film(_) => Ok(Some(film::Filmed::nothing().encode())),
-            Self::Trace(_) => Ok(Some(Traced::Lost(reason.to_owned()).encode())),
+            Self::Evaluate(work) => work.after_loss(inputs, kept, reason).map(Some),
+            Self::Record(work) => work.after_loss(inputs, kept, reason).map(Some),
+            Self::Film(_) => Ok(Some(AfterLoss::Result(film::Filmed::nothing().encode()))),
+            Self::Trace(_) => Ok(Some(AfterLoss::Result(Traced::Lost(reason.to_owned()).encode()))),
             Self::Train(_)
-            | Self::Record(_)
             | Self::Learn(_)
             | Self::Apprentice(_)
             | Self::Practise(_)

@@ -3,13 +3,14 @@
 use serde::{Deserialize, Serialize};
 
 use super::arena::Arena;
-use super::evaluate::Subject;
+use super::evaluate::{Cast, Subject};
 use super::{Site, WorkError};
 use crate::context::Context;
 use crate::policy::Monitor;
 use crate::rollout::{Horizon, Rollout, Setting, Witness, watched};
 use crate::seed::Seed;
-use crate::simulator::SimulatorConfig;
+use crate::simulator::{BuildError, SimulatorConfig};
+use crate::spec::SimulatorSpec;
 
 /// Who plays where, and for how long.
 #[derive(Debug, Serialize, Deserialize)]
@@ -34,27 +35,57 @@ impl Play {
         site: &mut Site,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<(Rollout, W)>, WorkError> {
+        let mut ensemble = self.ensemble(contexts, inputs, site)?;
+        let total = ensemble.rollouts();
+        let mut played = Vec::with_capacity(total);
+        for number in 0..total {
+            monitor.progress(number as u64, total as u64)?;
+            played.push(ensemble.play(number)?);
+        }
+        Ok(played)
+    }
+
+    /// Loads all subjects.
+    pub(super) fn ensemble<'a>(
+        &'a self,
+        contexts: &'a [Context],
+        inputs: &[Vec<u8>],
+        site: &'a mut Site,
+    ) -> Result<Ensemble<'a>, WorkError> {
         let spec = site.simulator(self.simulator.as_ref())?.spec().clone();
         let cast = self.subjects.iter().map(|subject| subject.cast(inputs, site, &spec));
         let cast = cast.collect::<Result<Vec<_>, _>>()?;
-        let total = (cast.len() * contexts.len()) as u64;
-        let mut played = Vec::with_capacity(cast.len() * contexts.len());
-        let mut arena = Arena::new(site, self.simulator.as_ref());
-        for (subject, cast) in self.subjects.iter().zip(&cast) {
-            let seed = self.seed.child(&subject.name);
-            for (j, context) in contexts.iter().enumerate() {
-                monitor.progress(played.len() as u64, total)?;
-                played.push(arena.roll_out(|simulator| {
-                    let (mut noise, mut witness) = (seed.index(j as u64).stream(), W::default());
-                    let setting = Setting { context, horizon: &self.horizon };
-                    let rollout = cast.play(&spec, |agent| {
-                        watched(&mut *simulator, agent, setting, &mut noise, &mut witness)
-                    });
-                    (rollout, witness)
-                })?);
-            }
-        }
-        Ok(played)
+        let arena = Arena::new(site, self.simulator.as_ref());
+        Ok(Ensemble { play: self, contexts, cast, spec, arena })
+    }
+}
+
+/// All that is needed to play any of the rollouts, each by itself.
+pub(super) struct Ensemble<'a> {
+    play: &'a Play,
+    contexts: &'a [Context],
+    cast: Vec<Cast>,
+    spec: SimulatorSpec,
+    arena: Arena<'a>,
+}
+
+impl Ensemble<'_> {
+    /// How many there are.
+    pub(super) fn rollouts(&self) -> usize {
+        self.cast.len() * self.contexts.len()
+    }
+
+    /// Plays rollout `number`, as they are counted subject by subject.
+    pub(super) fn play<W: Witness + Default>(&mut self, number: usize) -> Result<(Rollout, W), BuildError> {
+        let (subject, j) = (number / self.contexts.len(), number % self.contexts.len());
+        let seed = self.play.seed.child(&self.play.subjects[subject].name).index(j as u64);
+        let setting = Setting { context: &self.contexts[j], horizon: &self.play.horizon };
+        self.arena.roll_out(|simulator| {
+            let (mut noise, mut witness) = (seed.stream(), W::default());
+            let rollout = self.cast[subject]
+                .play(&self.spec, |agent| watched(&mut *simulator, agent, setting, &mut noise, &mut witness));
+            (rollout, witness)
+        })
     }
 }
 

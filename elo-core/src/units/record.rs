@@ -4,11 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::arena::Arena;
 use super::codec::{self, Malformed};
+use super::loss::Piecewise;
 use super::prepare::TaskSource;
 use super::train::TeacherResult;
 use super::{Site, Span, Work, WorkError, input};
 use crate::agent::Taught;
-use crate::context::{Context, InitialStates, PreparedStart};
+use crate::context::{Context, InitialStates};
 use crate::experiment::TeacherActs;
 use crate::policy::{Demonstration, Monitor, TeacherConfig, TeacherPolicy};
 use crate::rollout::{Ending, Horizon, Rollout, Setting, Tape, price, watched};
@@ -16,6 +17,7 @@ use crate::seed::Seed;
 use crate::simulator::SimulatorConfig;
 use crate::spec::SimulatorSpec;
 use crate::task::Task;
+use crate::workforce::TRIES;
 
 /// Recordings for some candidates. The inputs are the results of the teachers, in the order of `tasks`.
 #[derive(Debug, Serialize, Deserialize)]
@@ -56,6 +58,27 @@ pub struct Recording {
     pub demonstration: Option<Demonstration>,
 }
 
+/// The recordings that are done, and how far the next one is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Taken {
+    recordings: Vec<Recording>,
+    next: Takes,
+}
+
+/// Takes of one candidate, none of which lasted.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Takes {
+    /// How many.
+    count: u32,
+    /// How many of them failed rather than fell.
+    failed: u32,
+    /// Over how many of them every worker was lost. Each costs so much that a candidate has [`TRIES`] of them at most.
+    lost: u32,
+    /// As those of a [`Recording`].
+    failures: Vec<(u32, String)>,
+}
+
 impl Record {
     pub(super) fn perform(
         &self,
@@ -63,14 +86,17 @@ impl Record {
         site: &mut Site,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, WorkError> {
+        let (mut taken, keeping) = self.take_up(inputs, monitor)?;
         let mut arena = Arena::new(site, self.simulator.as_ref());
         let teachers = self.teachers(inputs, arena.simulator()?.spec())?;
-        let mut recordings = Vec::with_capacity(self.span.count);
-        for (_, seed) in self.span.seeds(&self.seed) {
-            monitor.progress(recordings.len() as u64, self.span.count as u64)?;
-            recordings.push(self.candidate(&mut arena, &teachers, &seed)?);
+        while taken.recordings.len() < self.span.count {
+            monitor.progress(taken.recordings.len() as u64, self.span.count as u64)?;
+            self.take_next(&mut arena, &teachers, &mut taken)?;
+            if keeping {
+                Self::keep(&taken, monitor)?;
+            }
         }
-        Ok(encode(&recordings))
+        Ok(encode(&taken.recordings))
     }
 
     /// The teachers, in the order of `tasks`.
@@ -83,49 +109,69 @@ impl Record {
         (0..self.tasks.len()).map(teacher).collect()
     }
 
-    /// Samples a random context `C_i = (τ, s0)`, executes `π*_τ` for `T` steps and records `h_i`.
-    fn candidate(
+    /// The stream of the candidate that is recorded next, its task, and the teacher for it.
+    fn next(&self, taken: &Taken) -> (Seed, Task, usize) {
+        let seed = self.seed.index((self.span.first + taken.recordings.len()) as u64);
+        let source = TaskSource::Uniformly(self.tasks.clone());
+        let (task, teacher) = source.draw(&mut seed.child("task").stream());
+        (seed, task, teacher.unwrap_or_default())
+    }
+
+    /// Samples a random context `C_i = (τ, s0)`, executes `π*_τ` for `T` steps and records `h_i`, or that this take did not
+    /// last.
+    fn take_next(
         &self,
         arena: &mut Arena<'_>,
         teachers: &[Box<dyn TeacherPolicy>],
-        seed: &Seed,
-    ) -> Result<Recording, WorkError> {
-        let source = TaskSource::Uniformly(self.tasks.clone());
-        let (task, teacher) = source.draw(&mut seed.child("task").stream());
-        let teacher = teacher.unwrap_or_default();
+        taken: &mut Taken,
+    ) -> Result<(), WorkError> {
+        let (seed, task, teacher) = self.next(taken);
         let prices = arena.simulator()?.spec().prices(&task);
-        let policy = teachers[teacher].as_ref();
-        let mut context = Context { task, start: PreparedStart::standard(0) };
-        let (mut failures, mut failed) = (Vec::new(), 0);
-        for take in 0..=self.max_retakes {
-            let seed = seed.child("take").index(u64::from(take));
-            context.start = arena.start(&self.initial_states, &context.task, &seed.child("start"))?;
-            let (result, tape) = self.take(arena, policy, &context, &seed)?;
-            if result.ending == Ending::Horizon {
-                return Ok(Recording {
-                    teacher,
-                    retakes: take,
-                    failures,
-                    teacher_return: price(&result.term_sums, &prices),
-                    demonstration: Some(Demonstration {
-                        observations: tape.observations,
-                        actions: tape.actions,
-                        steps: self.horizon.steps,
-                    }),
-                });
-            }
-            failures.extend(result.ending.trouble().map(|why| (take, why.to_owned())));
-            failed += u32::from(matches!(result.ending, Ending::Failed(_)));
+        let seed = seed.child("take").index(u64::from(taken.next.count));
+        let start = arena.start(&self.initial_states, &task, &seed.child("start"))?;
+        let context = Context { task, start };
+        let (result, tape) = self.take(arena, teachers[teacher].as_ref(), &context, &seed)?;
+        if result.ending != Ending::Horizon {
+            return self.lasted_not(taken, &result.ending);
         }
+        let Takes { count, failures, .. } = std::mem::take(&mut taken.next);
+        taken.recordings.push(Recording {
+            teacher,
+            retakes: count,
+            failures,
+            teacher_return: price(&result.term_sums, &prices),
+            demonstration: Some(Demonstration {
+                observations: tape.observations,
+                actions: tape.actions,
+                steps: self.horizon.steps,
+            }),
+        });
+        Ok(())
+    }
+
+    /// Notes that the next take ended before the horizon; gives the candidate up if it was the last one that it may have.
+    fn lasted_not(&self, taken: &mut Taken, ending: &Ending) -> Result<(), WorkError> {
+        let takes = &mut taken.next;
+        takes.failures.extend(ending.trouble().map(|why| (takes.count, why.to_owned())));
+        takes.failed += u32::from(matches!(ending, Ending::Failed(_)));
+        takes.count += 1;
+        if takes.count <= self.max_retakes && takes.lost < TRIES as u32 {
+            return Ok(());
+        }
+        let (_, _, teacher) = self.next(taken);
+        let Takes { count, failed, lost, failures } = std::mem::take(&mut taken.next);
         // A teacher of the user's own whose every take fails does not act at all.
-        match failures.pop() {
-            Some((_, why)) if self.teacher.hosted().is_some() && failed > self.max_retakes => {
-                Err(WorkError::Failed(why))
-            }
-            last => {
-                failures.extend(last);
-                let retakes = self.max_retakes;
-                Ok(Recording { teacher, retakes, failures, teacher_return: 0.0, demonstration: None })
+        let acts_not = self.teacher.hosted().is_some() && failed > self.max_retakes;
+        // Nor is there hope where the first candidates lose every worker.
+        let none = taken.recordings.iter().all(|recording| recording.demonstration.is_none());
+        let hopeless = lost == TRIES as u32 && none && taken.recordings.len() + 1 >= TRIES;
+        match failures.last() {
+            Some((_, why)) if acts_not || hopeless => Err(WorkError::Failed(why.clone())),
+            _ => {
+                let (retakes, teacher_return) = (count - 1, 0.0);
+                let recording = Recording { teacher, retakes, failures, teacher_return, demonstration: None };
+                taken.recordings.push(recording);
+                Ok(())
             }
         }
     }
@@ -166,6 +212,36 @@ pub(super) fn load(
     };
     let tensors = tensors.ok_or_else(|| WorkError::Failed("this teacher has no such snapshot".to_owned()))?;
     config.load(tensors, spec).map_err(|error| WorkError::Failed(error.to_string()))
+}
+
+/// Take by take, candidate by candidate.
+impl Piecewise for Record {
+    type Done = Taken;
+
+    fn begin(&self, _: &[Vec<u8>]) -> Result<Taken, WorkError> {
+        Ok(Taken::default())
+    }
+
+    fn to_bytes(done: &Taken) -> Vec<u8> {
+        codec::encode(&done.next, &[&encode(&done.recordings)])
+    }
+
+    fn from_bytes(bytes: &[u8]) -> Result<Taken, Malformed> {
+        let (next, sections) = codec::decode(bytes)?;
+        let [recordings] = sections[..] else {
+            return Err(Malformed(format!("recordings in {} sections", sections.len())));
+        };
+        Ok(Taken { recordings: decode(recordings)?, next })
+    }
+
+    fn result(&self, done: &Taken) -> Option<Vec<u8>> {
+        (done.recordings.len() == self.span.count).then(|| encode(&done.recordings))
+    }
+
+    fn give_up_next(&self, done: &mut Taken, reason: &str) -> Result<(), WorkError> {
+        done.next.lost += 1;
+        self.lasted_not(done, &Ending::Failed(reason.to_owned()))
+    }
 }
 
 #[derive(Serialize, Deserialize)]

@@ -8,7 +8,7 @@ use super::{Work, WorkError};
 use crate::agent::{Agent, RandomTorque, Taught};
 use crate::context::{Context, InitialStates, PreparedStart};
 use crate::policy::{CurvePoint, Lesson, Monitor, Snapshot, TeacherConfig, TrainError, Trained};
-use crate::rollout::{Horizon, price, rollout};
+use crate::rollout::{Ending, Horizon, price, rollout};
 use crate::seed::Seed;
 use crate::simulator::SimulatorConfig;
 use crate::task::Task;
@@ -61,7 +61,8 @@ impl Train {
         Ok(TeacherResult { trained: outcome.trained, diverged: outcome.diverged }.encode())
     }
 
-    /// Refuses a teacher that is worse than random torque from the same starts, beyond what chance explains.
+    /// Refuses a teacher that is worse than random torque from the same starts, beyond what chance explains. A rollout in
+    /// which the simulator fails counts as the worst possible.
     fn trial(&self, trained: &Trained, seed: &Seed) -> Result<(), TrainError> {
         let mut simulator = self.simulator.build()?;
         let spec = simulator.spec().clone();
@@ -71,6 +72,7 @@ impl Train {
             .map_err(|error| TrainError::Other(error.to_string()))?;
         let prices = spec.prices(&self.task);
         let horizon = Horizon { steps: TRIAL_STEPS, discount: 1.0, stop_at_fall: true };
+        let floor = spec.reward_floor * TRIAL_STEPS as f64;
         let differences: Vec<f64> = (0..TRIAL_EPISODES)
             .map(|episode| {
                 let seed = seed.child("trial").index(episode);
@@ -78,7 +80,11 @@ impl Train {
                 let context = Context { task: self.task.clone(), start };
                 let mut value = |agent: &mut dyn Agent| {
                     let result = rollout(simulator.as_mut(), agent, &context, &horizon, &mut seed.stream());
-                    price(&result.term_sums, &prices)
+                    match result.ending {
+                        // What was summed until then says nothing.
+                        Ending::Failed(_) => floor,
+                        _ => price(&result.term_sums, &prices),
+                    }
                 };
                 value(&mut Taught { policy: policy.as_ref(), sampling: false })
                     - value(&mut RandomTorque::new(&spec))
@@ -147,5 +153,123 @@ impl TeacherResult {
             snapshots.map(|(steps, policy)| Snapshot { steps: *steps, policy: policy.clone() }).collect();
         let trained = Trained { policy: policy.clone(), snapshots, curve: head.curve };
         Ok(Self { trained: head.trained.then_some(trained), diverged: head.diverged })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::conformance::point_mass::PointMassConfig;
+    use crate::fault::Faults;
+    use crate::policy::{TeacherPolicy, Unwatched};
+    use crate::seed::Stream;
+    use crate::simulator::{BuildError, End, Engine, Simulator, SimulatorError, Start, State};
+    use crate::spec::SimulatorSpec;
+    use crate::tensors::TensorError;
+
+    /// The mass on a line where every step costs, and a push of exactly 1 breaks it.
+    #[derive(Debug, Serialize, Deserialize)]
+    struct BrittleConfig {}
+
+    #[typetag::serde(name = "brittle")]
+    impl SimulatorConfig for BrittleConfig {
+        fn validate(&self, _: &mut Faults) {}
+
+        fn spec(&self) -> Result<SimulatorSpec, BuildError> {
+            PointMassConfig::default().spec()
+        }
+
+        fn engine(&self) -> Engine {
+            PointMassConfig::default().engine()
+        }
+
+        fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
+            Ok(Box::new(Brittle(PointMassConfig::default().build()?)))
+        }
+    }
+
+    struct Brittle(Box<dyn Simulator>);
+
+    impl Simulator for Brittle {
+        fn spec(&self) -> &SimulatorSpec {
+            self.0.spec()
+        }
+
+        fn reset(&mut self, task: &Task, start: &Start, seen: &mut [f32]) -> Result<(), SimulatorError> {
+            self.0.reset(task, start, seen)
+        }
+
+        fn step(
+            &mut self,
+            action: &[f32],
+            observation: &mut [f32],
+            reward_terms: &mut [f64],
+        ) -> Result<End, SimulatorError> {
+            if action[0] == 1.0 {
+                return Err(SimulatorError::Unstable("it broke".to_owned()));
+            }
+            let end = self.0.step(action, observation, reward_terms)?;
+            reward_terms.copy_from_slice(&[-1.0, 0.0]);
+            Ok(end)
+        }
+
+        fn state(&self) -> Result<State, SimulatorError> {
+            self.0.state()
+        }
+    }
+
+    /// A teacher that was never trained and always does the same.
+    #[derive(Debug, Serialize, Deserialize)]
+    struct SteadyConfig {
+        action: f32,
+    }
+
+    #[typetag::serde(name = "steady")]
+    impl TeacherConfig for SteadyConfig {
+        fn validate(&self, _: &mut Faults) {}
+
+        fn simulator_steps(&self) -> u64 {
+            0
+        }
+
+        fn train(&self, _: &Lesson<'_>, _: &mut dyn Monitor) -> Result<Trained, TrainError> {
+            Ok(Trained { policy: Tensors::new(), snapshots: Vec::new(), curve: Vec::new() })
+        }
+
+        fn untrained(&self, _: &SimulatorSpec, _: &Seed) -> Option<Tensors> {
+            None
+        }
+
+        fn load(&self, _: &Tensors, _: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {
+            Ok(Box::new(Steady(self.action)))
+        }
+    }
+
+    struct Steady(f32);
+
+    impl TeacherPolicy for Steady {
+        fn act(&self, _: &[f32], _: Option<&mut Stream>, action: &mut [f32]) {
+            action.fill(self.0);
+        }
+    }
+
+    #[test]
+    fn a_teacher_that_breaks_the_simulator_before_anything_costs_is_refused() {
+        let trained = |action| {
+            let work = Train {
+                simulator: Box::new(BrittleConfig {}),
+                teacher: Box::new(SteadyConfig { action }),
+                task: Task::default(),
+                initial_states: InitialStates::default(),
+                seed: Seed::root(1),
+            };
+            TeacherResult::decode(&work.perform(&mut Unwatched).unwrap()).unwrap()
+        };
+        let breaking = trained(1.0);
+        assert_eq!(breaking.trained, None);
+        assert_eq!(breaking.diverged.len(), 3);
+        assert!(breaking.diverged[0].contains("worse than random torque by "), "{:?}", breaking.diverged);
+        assert!(trained(0.999).trained.is_some());
     }
 }

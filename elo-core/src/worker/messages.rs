@@ -6,8 +6,8 @@ use std::io::Read;
 use super::fault::{JobError, JobErrorKind};
 use super::frames::{FrameError, FrameReader, FrameWriter, read_frame};
 
-/// The number of this version of the protocol, raised also when the stages of [`crate::units::Work`] change.
-pub const PROTOCOL: u32 = 3;
+/// The number of this version of the protocol, raised also when the stages of [`crate::units::Work`] or their checkpoints change.
+pub const PROTOCOL: u32 = 4;
 
 /// What the parent says.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -206,7 +206,7 @@ fn equal_options_give_a_defined_result_and_a_warning() {
 }
 
 #[test]
-fn a_worker_that_ends_costs_a_retry_and_then_one_unit() {
+fn a_worker_that_ends_costs_a_retry_and_then_one_rollout() {
     let folder = tempfile::tempdir().unwrap();
     let config = |name: &str, dies: &str| {
         let learner = "kind = \"wayward\"\noverdriven_share = 0.1";
@@ -237,6 +237,33 @@ fn a_worker_that_ends_costs_a_retry_and_then_one_unit() {
     let ran = run(&mut discover(elo_wayward(), &always, &out)).expect_success();
     let listed = failures(&out.join("results"));
     assert!(!listed.is_empty() && lost(&ran) >= 3, "{ran}");
+    // It dies in the options that are too strong, wherever they are, and in nothing else.
+    let never = config("never.toml", "\"never\"");
+    let sound = folder.path().join("never");
+    run(&mut discover(elo_wayward(), &never, &sound)).expect_success();
+    let (there, here) = (sound.join("results"), out.join("results"));
+    let (shape, clamped) = npy(&there.join("select_clamped.npy"));
+    let (_, endings) = npy(&here.join("select_ending.npy"));
+    let [(_, returns), (_, sound_returns)] =
+        [&here, &there].map(|results| npy(&results.join("select_terms.npy")));
+    let bytes = returns.len() / endings.len();
+    let mut strong = BTreeSet::new();
+    for cell in 0..endings.len() {
+        let too_strong = clamped[4 * cell..4 * cell + 4] != [0; 4];
+        assert_eq!(endings[cell] == 3, too_strong, "rollout {cell} of {shape:?}");
+        if too_strong {
+            strong.insert((cell / shape[1], cell % shape[1]));
+        } else {
+            let cell = bytes * cell..bytes * (cell + 1);
+            assert_eq!(
+                returns[cell.clone()],
+                sound_returns[cell],
+                "the others are what they would have been"
+            );
+        }
+    }
+    let in_selection = listed.iter().filter(|(table, ..)| table == "select");
+    assert_eq!(in_selection.map(|(_, row, context, _)| (*row, *context)).collect::<BTreeSet<_>>(), strong);
     let reason = "elo-wayward-worker was lost 3 times";
     assert!(
         listed.iter().all(|(.., text)| text.contains(reason) && text.contains("exit code 1")),

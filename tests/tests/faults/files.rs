@@ -184,6 +184,6 @@ fn numbers_that_are_not_finite_and_missing_options_are_refused() {
     assert!(text.contains("option 0: tensor `actions` has shape [5, 4]"), "{text}");
     let text = said(&|set| set.manifest.options[2].policy = "pickle".to_owned());
     assert!(text.contains("no plugin reads policies of format `pickle`"), "{text}");
-    let text = said(&|set| set.manifest.format = 2);
-    assert!(text.contains("option-set format 2, this program reads format 1"), "{text}");
+    let text = said(&|set| set.manifest.format = 3);
+    assert!(text.contains("option-set format 3, this program reads formats 1 to 2"), "{text}");
 }

@@ -20,6 +20,7 @@ pub fn push_right(steps: usize) -> TempDir {
     let record = option.record();
     let manifest = Manifest {
         format: OPTION_SET_FORMAT,
+        tensors_blake3: None,
         metric: "by hand".to_owned(),
         spec,
         horizon: Horizon { steps, discount: 1.0, stop_at_fall: true },
