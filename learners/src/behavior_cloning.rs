@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::demonstration;
-use crate::fields::{check_hidden, refuse_faults};
+use crate::fields::{check_hidden, refuse_faults, widths};
 use crate::kernels::running_moments::{Normalizer, RunningMoments};
 use crate::kernels::value_loss::value_loss;
 use crate::mlp_policy::MlpPolicy;
@@ -117,8 +117,7 @@ impl BehaviorCloningConfig {
     ) -> Result<Mlp, String> {
         let Demonstration { observations, actions, steps } = demonstration;
         let (inputs, outputs) = (observations.len() / steps, actions.len() / steps);
-        let sizes: Vec<usize> =
-            std::iter::once(inputs).chain(self.hidden.iter().copied()).chain([outputs]).collect();
+        let sizes = widths(inputs, &self.hidden, outputs);
         let mut network = Mlp::orthogonal(&sizes, 1.0, &mut seed.child("weights").stream())
             .map_err(|error| error.to_string())?;
         let mut optimiser = Adam::new(network.params().len());

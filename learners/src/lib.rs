@@ -8,8 +8,8 @@
 //!
 //! Write a config struct that implements [`elo_core::policy::TeacherConfig`], or [`elo_core::policy::OptionLearner`] with
 //! one of its three ways ([`elo_core::policy::Imitate`], [`elo_core::policy::Apprentice`],
-//! [`elo_core::policy::Practise`]), in a file of its own (a folder, if it is long), with `Default`, a sentence for each field, and `validate`; add its `mod` line here and its entry to
-//! [`PLUGINS`]. Options that fit no format in the list bring their own [`elo_core::policy::PolicyFormat`], with an entry
+//! [`elo_core::policy::Practise`]), in a file of its own (a folder, if it is long), with `Default`, a sentence for each
+//! field, and `validate`; add its `mod` line here and its entry to [`PLUGINS`]. Options that fit no format in the list bring their own [`elo_core::policy::PolicyFormat`], with an entry
 //! too. The tests of this crate walk the list and run the conformance suites on whatever is in it.
 
 mod acting;

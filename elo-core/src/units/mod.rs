@@ -87,7 +87,11 @@ impl Work {
             Self::Describe(_) => "describe",
             Self::Rehearse(_) => "rehearse",
         };
-        Stage { name, version: 1 }
+        let version = match self {
+            Self::Practise(_) => 2,
+            _ => 1,
+        };
+        Stage { name, version }
     }
 
     /// The simulator that the unit needs, if any.

@@ -257,11 +257,6 @@ impl InterestConfig {
             critic: critic * left,
         }
     }
-
-    /// Widths of a network from `inputs` to `outputs`.
-    pub(super) fn sizes(&self, inputs: usize, outputs: usize) -> Vec<usize> {
-        [&[inputs][..], &self.hidden, &[outputs]].concat()
-    }
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! The start from recordings: the policy of option `o` is fitted to what a teacher did in recording `o`, by behaviour cloning; those that fell are left out, so it is the `o`th of the others.
-//! Interests, `ε` and the critic begin as they do from scratch.
+//! The start from recordings: the policy of option `o` is fitted to what a teacher did in recording `o`, by behaviour
+//! cloning; those that fell are left out, so it is the `o`th of the others. Interests, `ε` and the critic begin as they do from scratch.
 //!
 //! All networks of a set see observations on one scale. From scratch it follows what the infant agent sees; from recordings it
 //! is theirs and stays, because a clone that saw them on another scale would do something else.

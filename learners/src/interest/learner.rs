@@ -7,6 +7,7 @@ use elo_core::spec::SimulatorSpec;
 use super::config::{InterestConfig, LearningRates};
 use super::duration::Termination;
 use crate::divergence::divergence;
+use crate::fields::widths;
 use crate::nn::{Activations, Adam, Mlp, clip_grad_norm};
 
 /// A network with what its training needs.
@@ -115,16 +116,21 @@ impl Learner {
         let task_features = practice.tasks.names().count();
         let numbers = 0..*set_size as u64;
         let policy = |number: u64| Policy {
-            means: Net::new(&config.sizes(inputs, actions), 0.01, &seed.child("policy").index(number)),
+            means: Net::new(
+                &widths(inputs, &config.hidden, actions),
+                0.01,
+                &seed.child("policy").index(number),
+            ),
             log_std: vec![config.initial_log_std as f32; actions],
             log_std_gradient: vec![0.0; actions],
             optimiser: Adam::new(actions),
         };
         // Exactly 1 where interests are not learned: then options are drawn uniformly.
         let gain = if config.learning_rates.interests > 0.0 { 0.01 } else { 0.0 };
-        let interest =
-            |number: u64| Net::new(&config.sizes(inputs, 1), gain, &seed.child("interest").index(number));
-        let critic = config.sizes(inputs + task_features, *set_size);
+        let interest = |number: u64| {
+            Net::new(&widths(inputs, &config.hidden, 1), gain, &seed.child("interest").index(number))
+        };
+        let critic = widths(inputs + task_features, &config.hidden, *set_size);
         Self {
             policies: numbers.clone().map(policy).collect(),
             interests: numbers.map(interest).collect(),

@@ -42,7 +42,7 @@
 //!
 //! Specialisation. Where policies are given, interests separate the states in which each is of use. Where policies are
 //! learned too, one option that reacts to the state can be good everywhere: in a world of two states that want opposite
-//! actions, most trainings come close to the greatest return with one option preferred in both. And an interest means
+//! actions, trainings come close to the greatest return, some of them with one option preferred in both. And an interest means
 //! something only beside those of the same training, so options of different trainings do not make a set. On the robots in MuJoCo, sets
 //! of five come to use one to three of their options (`docs/results/closed-loop.md`).
 //!

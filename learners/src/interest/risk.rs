@@ -10,7 +10,8 @@
 //! where any constant may be taken from `1[V < c]`; the share `p` of poor rollouts leaves the least noise. So each decision of a
 //! rollout, an action, a draw or an end alike, has `−k (1[V < c] − p)` added to its advantage; by the logit `x` of `ε` an end that
 //! happened (`b = 1`) or did not has `∇ log = b − ε`. Rewards and the critic know nothing of it. Returns here are those
-//! that sets are measured by: over the horizon, with the discount of `discover.discount`. A rollout that was cut short for another reason has no return, and pays nothing.
+//! that sets are measured by: over the horizon, with the discount of `discover.discount`. A rollout that was cut short for
+//! another reason has no return, and pays nothing.
 //!
 //! `(μ*, σ*)` are mean and deviation of the returns of the iteration's own rollouts. Eq. 4.6 takes them from the best set by
 //! the mean; here the set at hand is the best that is known.

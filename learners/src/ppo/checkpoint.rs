@@ -14,6 +14,7 @@ use super::environment::AtRest;
 use super::learner::Learner;
 use crate::acting::Tally;
 use crate::checkpoint;
+use crate::fields::widths;
 use crate::kernels::running_moments::{ReturnScaler, RunningMoments};
 use crate::nn::{Adam, AdamState, Mlp};
 
@@ -126,7 +127,7 @@ fn learner(
     let (inputs, actions) = (spec.observation_size, spec.action_size());
     let network = |name: &str, outputs: usize| {
         let params = tensors.get(name)?.data.clone();
-        let network = Mlp::from_params(&config.sizes(inputs, outputs), params);
+        let network = Mlp::from_params(&widths(inputs, &config.hidden, outputs), params);
         network.map_err(|error| BadCheckpoint(error.to_string()))
     };
     let (policy, critic) = (network("policy", actions)?, network("critic", 1)?);

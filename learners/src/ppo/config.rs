@@ -138,11 +138,6 @@ impl PpoConfig {
         self.learning_rate + (self.learning_rate_end - self.learning_rate) * done
     }
 
-    /// Widths of a network from `inputs` to `outputs`.
-    pub(super) fn sizes(&self, inputs: usize, outputs: usize) -> Vec<usize> {
-        std::iter::once(inputs).chain(self.hidden.iter().copied()).chain([outputs]).collect()
-    }
-
     fn counts_are_right(&self, faults: &mut Faults) {
         let mut at_least = |least: u64, value: u64, field: &str| {
             faults.check(value >= least, field, || format!("expected at least {least}, got {value}"));

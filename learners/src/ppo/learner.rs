@@ -5,6 +5,7 @@ use elo_core::spec::SimulatorSpec;
 
 use super::config::PpoConfig;
 use crate::divergence::divergence;
+use crate::fields::widths;
 use crate::nn::{Adam, Mlp};
 
 /// `π_θ` and the critic `V`, with the optimisers' memory.
@@ -24,7 +25,7 @@ impl Learner {
     /// The state before any training.
     pub fn new(config: &PpoConfig, spec: &SimulatorSpec, seed: &Seed) -> Self {
         let policy = initial_policy(config, spec, seed);
-        let sizes = config.sizes(spec.observation_size, 1);
+        let sizes = widths(spec.observation_size, &config.hidden, 1);
         let critic = Mlp::orthogonal(&sizes, 1.0, &mut seed.child("critic").stream())
             .expect("a valid config and spec have no width of zero");
         let log_std = vec![config.initial_log_std as f32; spec.action_size()];
@@ -43,7 +44,7 @@ impl Learner {
 /// # Panics
 /// When a width of the config or of the spec is zero.
 pub(super) fn initial_policy(config: &PpoConfig, spec: &SimulatorSpec, seed: &Seed) -> Mlp {
-    let sizes = config.sizes(spec.observation_size, spec.action_size());
+    let sizes = widths(spec.observation_size, &config.hidden, spec.action_size());
     Mlp::orthogonal(&sizes, 0.01, &mut seed.child("policy").stream())
         .expect("a valid config and spec have no width of zero")
 }
