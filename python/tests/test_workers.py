@@ -67,17 +67,16 @@ def crashing_rows(results: Path) -> set[tuple[str, int, int]]:
     return rows
 
 
-@pytest.mark.parametrize(("how", "signal"), CRASHES)
-def test_a_recording_that_crashes_is_taken_again(discover: Discover, tmp_path: Path, how: str, signal: str) -> None:
-    """Beyond 0.45 from the middle, where few starts lie and few recordings go."""
-    shorter = ["--set", "initial_states.max_random_steps=0", "--set", "discover.steps=5"]
-    ran = discover(wrong(how, at=0.45), *TAUGHT, *shorter, "--set", "discover.candidates=12")
+def test_a_recording_that_crashes_is_taken_again(discover: Discover, tmp_path: Path) -> None:
+    """Few starts crash: with this seed none of the rehearsal and of the teacher's trial."""
+    sizes = ["--set", "seed=4", "--set", "initial_states.max_random_steps=0", "--set", "discover.candidates=40"]
+    ran = discover('target = "toys:Band"', *TAUGHT, *sizes)
     assert ran.returncode == 0, ran.stderr
     taken = [row for row in failures(tmp_path / "run") if row["table"] == "recordings"]
-    assert taken and all(signal in row["reason"] for row in taken), taken
+    assert taken and all("SIGABRT" in row["reason"] and "toys.py" in row["reason"] for row in taken), taken
     with open(tmp_path / "run" / "results" / "candidates.csv", newline="") as file:
         candidates = {row["number"]: int(row["retakes"]) for row in csv.DictReader(file)}
-    assert len(candidates) == 12
+    assert len(candidates) == 40
     for number, retakes in candidates.items():
         takes = [int(row["context"]) for row in taken if row["row"] == number]
         assert takes == list(range(retakes)), (number, retakes, takes)

@@ -120,6 +120,21 @@ class Wrong(Mass):
         return observation, reward, terminated, truncated, info
 
 
+class Band(Mass):
+    """Crashes in the 15th step after a reset between 0.40 and 0.42."""
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        seen = super().reset(seed=seed, options=options)
+        self.steps, self.doomed = 0, 0.40 < self.place < 0.42
+        return seen
+
+    def step(self, action: Any) -> Any:
+        self.steps += 1
+        if self.doomed and self.steps == 15:
+            os.abort()
+        return super().step(action)
+
+
 class Asked(Mass):
     """Its goal goes with a reset; without one it is 1."""
 
