@@ -1,5 +1,7 @@
 //! Calls into the modules `elo._bridge.*` of the Python package, which know users' code.
 
+use std::fmt::Debug;
+
 use elo_core::simulator::BuildError;
 use numpy::{Element, PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
@@ -15,6 +17,39 @@ pub fn bridge<'py>(
     let text = serde_json::to_string(config).expect("a config is plain data");
     watchdog::watch();
     py.import(format!("elo._bridge.{name}"))?.getattr("Bridge")?.call1((text,))
+}
+
+/// The [`bridge`] of a plugin whose versions are known from when the config was read: they must still be what they were.
+///
+/// # Errors
+/// A bridge that cannot be made, and [`unchanged`].
+pub fn known_bridge<'py>(
+    py: Python<'py>,
+    name: &str,
+    config: &impl serde::Serialize,
+    target: &str,
+    described: Option<&String>,
+) -> Result<Bound<'py, PyAny>, BuildError> {
+    let bridge = bridge(py, name, config).map_err(refused)?;
+    if let Some(then) = described {
+        let now = bridge.call_method0("versions").and_then(|versions| versions.extract());
+        unchanged(target, &now.map_err(refused)?, then)?;
+    }
+    Ok(bridge)
+}
+
+/// Refuses code of users that says something else of itself (`now`) than it did when the config was read (`then`): its results
+/// would be stored under the keys of the other code.
+///
+/// # Errors
+/// [`BuildError::Code`].
+pub fn unchanged<T: PartialEq + Debug>(target: &str, now: &T, then: &T) -> Result<(), BuildError> {
+    if now == then {
+        return Ok(());
+    }
+    Err(BuildError::Code(format!(
+        "`{target}` is not what it was when the config was read: {now:?} instead of {then:?}; run again to use it as it is now"
+    )))
 }
 
 /// An array of a bridge that both sides see.

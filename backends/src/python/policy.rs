@@ -10,7 +10,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use rand::RngExt as _;
 
-use super::interpreter::{bridge, refused, told};
+use super::interpreter::{known_bridge, refused, told};
 use super::teacher::{Call, PythonTeacherConfig};
 use super::watchdog::Call as Watched;
 
@@ -25,15 +25,17 @@ impl PythonPolicy {
     /// Asks the callable of `config` for the policy.
     ///
     /// # Errors
-    /// A target that cannot be imported, an exception, or something that is no policy for this robot.
+    /// A target that cannot be imported or is not what it was when the config was read, an exception, or something that is no
+    /// policy for this robot.
     pub fn new(config: &PythonTeacherConfig, call: &Call, spec: &SimulatorSpec) -> Result<Self, BuildError> {
         let policy = Python::attach(|py| {
-            let bridge = bridge(py, "teacher", config)?;
+            let (target, described) = (&config.target, config.described.as_ref());
+            let bridge = known_bridge(py, "teacher", config, target, described)?;
             let call = serde_json::to_string(call).expect("plain data");
-            let policy = bridge.call_method1("policy", (call, spec.observation_size, spec.action_size()))?;
-            Ok(policy.unbind())
+            let policy = bridge.call_method1("policy", (call, spec.observation_size, spec.action_size()));
+            Ok(policy.map_err(refused)?.unbind())
         });
-        Ok(Self { bridge: policy.map_err(refused)?, trouble: Mutex::new(None) })
+        Ok(Self { bridge: policy?, trouble: Mutex::new(None) })
     }
 }
 

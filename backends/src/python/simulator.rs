@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::config::{Described, PythonConfig};
-use super::interpreter::{Shared, bridge, refused, told};
+use super::interpreter::{Shared, bridge, refused, told, unchanged};
 use super::watchdog::Call;
 
 /// See the [module](super).
@@ -46,12 +46,7 @@ impl PythonSimulator {
         let (described, action, observation, terms, step, bridge) = made.map_err(refused)?;
         let described: Described =
             serde_json::from_str(&described).map_err(|error| BuildError::Code(error.to_string()))?;
-        if let Some(expected) = config.described.as_ref().filter(|expected| **expected != described) {
-            return Err(BuildError::Code(format!(
-                "`{}` is not what it was when the config was read: {described:?} instead of {expected:?}",
-                config.target
-            )));
-        }
+        config.described.as_ref().map_or(Ok(()), |then| unchanged(&config.target, &described, then))?;
         let spec = config.spec_with(&described);
         Ok(Self {
             clipped: vec![0.0; spec.action_size()],

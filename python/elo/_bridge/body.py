@@ -26,6 +26,11 @@ class Bridge:
         self.reading, self.torques = self._reading.all, np.zeros(len(self._robot.joints))
 
     def describe(self) -> str:
+        """What there is to know before a run: the versions."""
+        return self.versions()
+
+    def versions(self) -> str:
+        """What its motion depends on."""
         modules = origins(self._target, self._maker, self._body)
         return versions([type(self._body).__module__, *modules], "mujoco")
 

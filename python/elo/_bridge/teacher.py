@@ -24,6 +24,10 @@ class Bridge:
         self._target = find(self._config["target"])
 
     def describe(self) -> str:
+        """What there is to know before a run: the versions."""
+        return self.versions()
+
+    def versions(self) -> str:
         """What the policies depend on."""
         files = {name: Path(path).read_bytes() for name, path in sorted(self._config["files"].items())}
         hashes = [f"{name} {hashlib.sha256(data).hexdigest()[:16]}" for name, data in files.items()]
