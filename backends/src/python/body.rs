@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 
 use super::PythonBodyConfig;
 use super::interpreter::{Shared, known_bridge, refused, told};
+use super::interruption::asked;
 use super::watchdog::Call;
 use crate::locomotion::body::{ArticulatedBody, Dynamics, Reading};
 use crate::locomotion::model::RobotModel;
@@ -53,12 +54,12 @@ impl PythonBody {
 
     /// Makes a call, then takes over what it left in `reading`.
     fn call(&mut self, call: impl FnOnce(&Self, Python<'_>) -> PyResult<()>) -> Result<(), SimulatorError> {
-        let done = Python::attach(|py| {
+        let done = asked(|py| {
             let _call = Call::begin();
             call(self, py)?;
             self.reading.read(py, &mut self.latest)
         });
-        done.map_err(|error: PyErr| SimulatorError::Unstable(told(&error)))?;
+        done.map_err(|error| SimulatorError::Unstable(told(&error)))?;
         match self.latest.iter().all(|x| x.is_finite()) {
             true => Ok(()),
             false => Err(SimulatorError::Unstable("a coordinate is not finite".to_owned())),

@@ -6,7 +6,7 @@ use elo_core::simulator::BuildError;
 use numpy::{Element, PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
 
-use super::watchdog;
+use super::{interruption, watchdog};
 
 /// The `Bridge` of the module `elo._bridge.NAME`, made of a config.
 pub fn bridge<'py>(
@@ -30,7 +30,7 @@ pub fn known_bridge<'py>(
     target: &str,
     described: Option<&String>,
 ) -> Result<Bound<'py, PyAny>, BuildError> {
-    let bridge = bridge(py, name, config).map_err(refused)?;
+    let bridge = interruption::asked(|_| bridge(py, name, config)).map_err(refused)?;
     if let Some(then) = described {
         let now = bridge.call_method0("versions").and_then(|versions| versions.extract());
         unchanged(target, &now.map_err(refused)?, then)?;
@@ -50,6 +50,17 @@ pub fn unchanged<T: PartialEq + Debug>(target: &str, now: &T, then: &T) -> Resul
     Err(BuildError::Code(format!(
         "`{target}` is not what it was when the config was read: {now:?} instead of {then:?}; run again to use it as it is now"
     )))
+}
+
+/// Closes what `bridge` has made, if that can be closed. Its errors are nobody's: whoever had it is done with it.
+pub fn close(bridge: &Bound<'_, PyAny>) {
+    let py = bridge.py();
+    if bridge.hasattr("close").unwrap_or(false) {
+        let _call = watchdog::Call::begin();
+        if let Err(error) = bridge.call_method0("close") {
+            interruption::note(&error, py);
+        }
+    }
 }
 
 /// An array of a bridge that both sides see.
@@ -81,9 +92,10 @@ impl<T: Element + Copy> Shared<T> {
     }
 }
 
-/// An exception with its traceback; those of our own kind are for users and need none.
+/// An exception with its traceback; those of our own kind are for users and need none. One that is no error goes on its way too.
 pub fn told(error: &PyErr) -> String {
     Python::attach(|py| {
+        interruption::note(error, py);
         let formatted = || -> PyResult<String> {
             py.import("elo._bridge")?
                 .getattr("tell")?

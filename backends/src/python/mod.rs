@@ -19,6 +19,8 @@ mod config;
 mod interpreter;
 mod metric;
 #[cfg(feature = "python")]
+mod interruption;
+#[cfg(feature = "python")]
 mod policy;
 #[cfg(feature = "python")]
 mod scores;
@@ -33,6 +35,8 @@ pub use body::PythonBody;
 pub use body_config::PythonBodyConfig;
 pub use config::{Described, InfoTerm, ParameterBinding, PythonConfig, PythonParameter, StateMethods};
 pub use metric::PythonMetricConfig;
+#[cfg(feature = "python")]
+pub use interruption::passing;
 #[cfg(feature = "python")]
 pub use simulator::PythonSimulator;
 pub use teacher::PythonTeacherConfig;
@@ -63,8 +67,11 @@ fn validate_target(target: &str, faults: &mut Faults) {
 #[cfg(feature = "python")]
 fn describe(bridge: &str, config: &impl serde::Serialize) -> Result<Vec<u8>, BuildError> {
     use pyo3::prelude::*;
-    let text = Python::attach(|py| {
-        interpreter::bridge(py, bridge, config)?.call_method0("describe")?.extract::<String>()
+    let text = interruption::asked(|py| {
+        let bridge = interpreter::bridge(py, bridge, config)?;
+        let text = bridge.call_method0("describe").and_then(|text| text.extract::<String>());
+        interpreter::close(&bridge);
+        text
     });
     text.map(String::into_bytes).map_err(interpreter::refused)
 }

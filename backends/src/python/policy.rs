@@ -11,6 +11,7 @@ use pyo3::prelude::*;
 use rand::RngExt as _;
 
 use super::interpreter::{known_bridge, refused, told};
+use super::interruption::asked;
 use super::teacher::{Call, PythonTeacherConfig};
 use super::watchdog::Call as Watched;
 
@@ -42,7 +43,7 @@ impl PythonPolicy {
 impl TeacherPolicy for PythonPolicy {
     fn act(&self, observation: &[f32], noise: Option<&mut Stream>, action: &mut [f32]) {
         let seed = noise.map(|noise| noise.random::<u64>());
-        let acted = Python::attach(|py| -> PyResult<()> {
+        let acted = asked(|py| -> PyResult<()> {
             let _call = Watched::begin();
             let given = self.bridge.bind(py).call1((PyArray1::from_slice(py, observation), seed))?;
             action.copy_from_slice(given.extract::<PyReadonlyArray1<'_, f32>>()?.as_slice()?);
