@@ -95,3 +95,45 @@ def test_code_that_is_edited_during_a_run_ends_it(
     # As it is now, it serves.
     again = discover(f'target = "changing:Mass"\nkwargs = {{ edited = "{path}" }}', "--set", modules, *arguments)
     assert again.returncode == 0, again.stderr
+
+
+@pytest.mark.parametrize(
+    "simulator",
+    [
+        '{kind="python",target="habits:Geared",reward_floor=-10.0,files={gear="gear.txt"}}',
+        '{kind="python_body",robot="half-cheetah",target="habits:Greased",files={gear="gear.txt"}}',
+    ],
+)
+def test_files_of_an_environment_are_part_of_its_key_and_found_beside_the_config(
+    discover: Discover, tmp_path: Path, simulator: str
+) -> None:
+    gear, results = tmp_path / "gear.txt", tmp_path / "run" / "results" / "select_terms.npy"
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+
+    def run() -> bytes:
+        teacher = 'teacher={kind="python",target="toys:replayer",files={weights="weights.npy"}}'
+        sizes = ["--set", "discover.steps=5", "--set", "initial_states.max_random_steps=0"]
+        ran = discover(TARGET, "--set", f"simulator={simulator}", "--set", teacher, *sizes, cwd=folder)
+        assert ran.returncode == 0, ran.stderr
+        return results.read_bytes()
+
+    shape = (6, 26) if "body" in simulator else (1, 2)
+    np.save(tmp_path / "weights.npy", np.full(shape, 0.1, np.float32))
+    gear.write_text("1.0")
+    first = run()
+    gear.write_text("0.5")
+    assert run() != first
+    gear.write_text("1.0")
+    assert run() == first
+
+
+@pytest.mark.parametrize("kind", ["python", "python_body"])
+def test_files_that_are_not_there_or_are_given_twice_are_refused(discover: Discover, kind: str) -> None:
+    table = f'simulator={{kind="{kind}",target="habits:Geared",files={{gear="gone.txt"}}'
+    robot = ',robot="ant"' if kind == "python_body" else ""
+    ran = discover(TARGET, "--set", f"{table}{robot}}}")
+    assert ran.returncode == 2 and "`simulator.files.gear`: there is no file" in ran.stderr, ran.stderr
+
+
+TARGET = 'target = "toys:Mass"'

@@ -15,11 +15,12 @@ use elo_core::simulator::BuildError;
 mod body;
 mod body_config;
 mod config;
+mod files;
 #[cfg(feature = "python")]
 mod interpreter;
-mod metric;
 #[cfg(feature = "python")]
 mod interruption;
+mod metric;
 #[cfg(feature = "python")]
 mod policy;
 #[cfg(feature = "python")]
@@ -34,9 +35,9 @@ mod watchdog;
 pub use body::PythonBody;
 pub use body_config::PythonBodyConfig;
 pub use config::{Described, InfoTerm, ParameterBinding, PythonConfig, PythonParameter, StateMethods};
-pub use metric::PythonMetricConfig;
 #[cfg(feature = "python")]
 pub use interruption::passing;
+pub use metric::PythonMetricConfig;
 #[cfg(feature = "python")]
 pub use simulator::PythonSimulator;
 pub use teacher::PythonTeacherConfig;

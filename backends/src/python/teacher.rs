@@ -14,6 +14,8 @@ use elo_core::tensors::{TensorError, Tensors};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::files;
+
 /// Policies that a callable in Python gives, for example networks that another program has trained.
 ///
 /// The callable is asked once for each task and worker, as `callable(task=…, seed=…, **files, **kwargs)`: `task` maps the
@@ -93,18 +95,13 @@ fn sizes(spec: &SimulatorSpec) -> Vec<f32> {
 #[typetag::serde(name = "python")]
 impl TeacherConfig for PythonTeacherConfig {
     fn embed_files(&mut self, folder: &Path, faults: &mut Faults) {
-        for (name, path) in &mut self.files {
-            let joined = folder.join(&*path);
-            faults.check(joined.is_file(), &format!("files.{name}"), || {
-                format!("there is no file {}", joined.display())
-            });
-            *path = std::path::absolute(&joined).unwrap_or(joined).to_string_lossy().into_owned();
-        }
+        files::embed(&mut self.files, folder, faults);
     }
 
     fn validate(&self, faults: &mut Faults) {
         super::validate_target(&self.target, faults);
         for name in self.files.keys().chain(self.kwargs.keys()) {
+        files::validate(&self.files, &self.kwargs, faults);
             let reserved = name == "task" || name == "seed";
             faults.check(!reserved, "", || format!("`{name}` is an argument that the program gives"));
         }
