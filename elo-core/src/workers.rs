@@ -28,8 +28,8 @@ pub struct Workers {
     /// `silence_seconds` allow. Engines of this program's own are not watched.
     #[schemars(range(min = 0.001))]
     pub step_seconds: f64,
-    /// Seconds without a word of progress (a rollout, an iteration of training) after which a worker is killed and its
-    /// unit tried again.
+    /// Seconds without a word of progress (a rollout, a start that is drawn, a step of PPO) after which a worker is killed and
+    /// its unit tried again.
     #[schemars(range(min = 0.1))]
     pub silence_seconds: f64,
     /// Address space of one worker in GiB, on systems that can limit it.

@@ -38,6 +38,20 @@ def test_reading_a_state_is_watched(discover: Discover) -> None:
     assert ran.returncode == 1 and "did not come back within 0.5 s" in ran.stderr, ran.stderr
 
 
+def test_a_slow_environment_is_not_taken_for_a_silent_one(discover: Discover) -> None:
+    """Its starts, an iteration, and the trial after the training: each takes longer than it may be silent."""
+    sizes = ["teacher.d0_pool=80", "initial_states.max_random_steps=9", "teacher.steps=512", "teacher.rollout_steps=512"]
+    sizes += ["discover.steps=5"]
+    settings = [part for size in sizes for part in ("--set", size)]
+    ran = discover('target = "habits:Slow"\nreward_floor = -10.0', *settings, workers="silence_seconds = 2.5")
+    assert ran.returncode == 0 and "silent" not in ran.stderr, ran.stderr
+
+
+def test_silence_names_the_field_that_limits_it(discover: Discover) -> None:
+    ran = discover(wrong("sleeps", at=-1.0), *TAUGHT, "--set", "discover.candidates=2", workers="silence_seconds = 3.0")
+    assert ran.returncode == 2 and "was silent for 3 s (`workers.silence_seconds`) and was killed" in ran.stderr, ran.stderr
+
+
 CRASHES = [("segfaults", "SIGSEGV"), ("aborts", "SIGABRT")]
 
 
