@@ -52,6 +52,16 @@ def test_silence_names_the_field_that_limits_it(discover: Discover) -> None:
     assert ran.returncode == 2 and "was silent for 3 s (`workers.silence_seconds`) and was killed" in ran.stderr, ran.stderr
 
 
+@pytest.mark.parametrize(("name", "said"), [("a:b", "has the character in it that separates folders"), ("gone", "there is no ")])
+def test_folders_from_which_nothing_can_be_imported_are_told(
+    discover: Discover, tmp_path: Path, name: str, said: str
+) -> None:
+    (tmp_path / "a:b").mkdir()
+    ran = discover(MASS, "--set", f'workers.python_path=["{name}"]')
+    assert ran.returncode == 2 and "`workers.python_path[0]`: " in ran.stderr and said in ran.stderr, ran.stderr
+    assert f"{tmp_path / name}" in ran.stderr and "finds no module" not in ran.stderr, ran.stderr
+
+
 CRASHES = [("segfaults", "SIGSEGV"), ("aborts", "SIGABRT")]
 
 
