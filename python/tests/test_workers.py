@@ -52,6 +52,17 @@ def test_silence_names_the_field_that_limits_it(discover: Discover) -> None:
     assert ran.returncode == 2 and "was silent for 3 s (`workers.silence_seconds`) and was killed" in ran.stderr, ran.stderr
 
 
+def test_environments_are_closed_and_their_processes_end_in_order(discover: Discover, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    weight = 'name = "weight"\ndefault = 1.0\nlow = 0.5\nhigh = 2.0\nbinding = "constructor"'
+    simulator = f'target = "habits:Logged"\nreward_floor = -10.0\nkwargs = {{ log = "{log}" }}\n[[simulator.task_parameters]]\n{weight}'
+    ran = discover(simulator, "--set", "tasks={weight={low=0.5,high=2.0}}")
+    assert ran.returncode == 0 and "nobody" not in ran.stderr, ran.stderr
+    lines = log.read_text().split("\n")[:-1]
+    said = {what: sorted(line.split()[1:] for line in lines if line.startswith(what)) for what in ("made", "closed", "over")}
+    assert len(said["made"]) > 6 and said["made"] == said["closed"] == said["over"], lines
+
+
 @pytest.mark.parametrize(("name", "said"), [("a:b", "has the character in it that separates folders"), ("gone", "there is no ")])
 def test_folders_from_which_nothing_can_be_imported_are_told(
     discover: Discover, tmp_path: Path, name: str, said: str

@@ -81,6 +81,14 @@ impl PythonSimulator {
     }
 }
 
+impl Drop for PythonSimulator {
+    /// Closes the environment.
+    fn drop(&mut self) {
+        // None while the interpreter ends.
+        Python::try_attach(|py| close(self.bridge.bind(py)));
+    }
+}
+
 impl Simulator for PythonSimulator {
     fn spec(&self) -> &SimulatorSpec {
         &self.spec

@@ -7,6 +7,7 @@ whether its numbers are finite: that is checked once, where they are taken over.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import importlib
 import json
@@ -86,9 +87,9 @@ class Bridge:
     def __init__(self, config: str) -> None:
         self._config: dict[str, Any] = json.loads(config)
         self._parameters: list[dict[str, Any]] = self._config["task_parameters"]
-        self._values = [float(p["default"]) for p in self._parameters]
         # Left out where there are none.
         self._files: dict[str, str] = self._config.get("files", {})
+        self._values = [float(p["default"]) for p in self._parameters]
         self._options: dict[str, float] = {}
         self._adopt(self._make(self._values))
         observation_space = _box(self._env.observation_space, "observation")
@@ -174,7 +175,9 @@ class Bridge:
             old = self._env
             self._adopt(self._make(changed))
             self._values = changed
-            old.close()
+            # As where Rust closes one: its errors are nobody's.
+            with contextlib.suppress(Exception):
+                old.close()
         self._values = changed
         self._set_attributes()
         bound = zip(self._parameters, changed, strict=True)
@@ -187,6 +190,10 @@ class Bridge:
                 if not hasattr(raw, parameter["name"]):
                     raise BadTarget(f"{type(raw).__name__} has no attribute `{parameter['name']}`")
                 setattr(raw, parameter["name"], value)
+
+    def close(self) -> None:
+        """The environment is not used any more."""
+        self._env.close()
 
     # Running it.
 
