@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use elo_core::config;
 use elo_core::crew::{Crew, RunError};
 use elo_core::discover::Run;
 use elo_core::experiment::Experiment;
@@ -78,8 +79,20 @@ fn on_simulator(config: &Path, simulator: &str, plugins: &[&[Plugin]]) -> Result
     let (mut whole, mut given) = (read(config)?, read(path)?);
     let table = given.remove("simulator").ok_or_else(|| cannot("it has no table [simulator]".to_owned()))?;
     whole.insert("simulator".to_owned(), table);
-    if let Some(workers @ Value::Table(_)) = given.remove("workers") {
-        whole.insert("workers".to_owned(), workers);
+    match given.remove("workers") {
+        Some(workers @ Value::Table(_)) => drop(whole.insert("workers".to_owned(), workers)),
+        Some(other) => {
+            return Err(cannot(format!("`workers`: expected a table, got the {} {other}", other.type_str())));
+        }
+        None => {}
+    }
+    // Of a whole config the rest is that of another run. A name that no config has is a slip.
+    let schema = config::json_schema::<Experiment>(plugins);
+    let known: Vec<&str> =
+        schema["properties"].as_object().into_iter().flatten().map(|(name, _)| &**name).collect();
+    if let Some(unknown) = given.keys().find(|name| !known.contains(&name.as_str())) {
+        let hint = meant(unknown, known.iter().copied(), '`');
+        return Err(cannot(format!("`{unknown}`: is unknown; expected one of {}{hint}", known.join(", "))));
     }
     load::embedded(&whole.to_string(), path, &[], plugins)
 }

@@ -97,6 +97,12 @@ fn checked(
 
 /// Has workers say what those plugins are that only their worker knows.
 fn describe(experiment: &mut Experiment, faults: &mut Faults) {
+    if experiment.hosted_mut().iter().any(|(_, hosted)| hosted.needs_description()) {
+        faults.within("workers", |faults| experiment.workers.check_folders(faults));
+        if !faults.found().is_empty() {
+            return;
+        }
+    }
     let programs = Programs::of(experiment);
     let workforce = Workforce::new(&programs);
     let mut said = BTreeMap::new();

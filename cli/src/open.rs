@@ -62,17 +62,26 @@ pub fn rehearse(experiment: &Experiment) -> Result<(), Exit> {
     let work = Work::from(Rehearse(duplicate(&experiment.simulator)));
     let work = serde_json::to_vec(&work).expect("descriptions are plain data");
     let job = Job { program: hosted.worker(), work: &work, inputs: &[], workers: TRIES };
-    let done = Workforce::new(&programs).run(job, &mut Unwatched, &mut |_| ());
+    let play = || -> Result<Rehearsed, String> {
+        let done = Workforce::new(&programs).run(job, &mut Unwatched, &mut |_| ());
+        Rehearsed::decode(&done.map_err(|error| error.to_string())?).map_err(|error| error.to_string())
+    };
+    // Units are done by several processes.
+    let (here, there) = std::thread::scope(|scope| {
+        let there = scope.spawn(play);
+        (play(), there.join().unwrap_or_else(|_| Err("its thread panicked".to_owned())))
+    });
     let bad = |why: String| {
         Exit::BadInput(format!("`simulator`: a short trial before any work failed: {why}\n{ALL_RULES}"))
     };
-    let done = done.map_err(|error| bad(error.to_string()))?;
-    let Rehearsed { differed_at } = Rehearsed::decode(&done).map_err(|error| bad(error.to_string()))?;
-    if let Some(step) = differed_at {
+    let (here, there) = (here.map_err(bad)?, there.map_err(bad)?);
+    let within = here.differed_at.or(there.differed_at).map(|step| (step, ""));
+    let between = here.parting_from(&there).map(|step| (step, " in another process"));
+    if let Some((step, whereabouts)) = within.or(between) {
         let place = if step == 0 { "its reset".to_owned() } else { format!("step {step}") };
         print_error(&format!(
-            "warning: `simulator`: the same seed and actions gave another episode, from {place} on. Results cannot be repeated, and \
-             contexts that are called the same are not.\n{ALL_RULES}"
+            "warning: `simulator`: the same seed and actions gave another episode{whereabouts}, from {place} on. Results cannot be \
+             repeated, and contexts that are called the same are not.\n{ALL_RULES}"
         ));
     }
     Ok(())

@@ -28,8 +28,8 @@ pub struct Workers {
     /// `silence_seconds` allow. Engines of this program's own are not watched.
     #[schemars(range(min = 0.001))]
     pub step_seconds: f64,
-    /// Seconds without a word of progress (a rollout, an iteration of training) after which a worker is killed and its
-    /// unit tried again.
+    /// Seconds without a word of progress (a rollout, a start that is drawn, a step of PPO) after which a worker is killed and
+    /// its unit tried again.
     #[schemars(range(min = 0.1))]
     pub silence_seconds: f64,
     /// Address space of one worker in GiB, on systems that can limit it.
@@ -83,6 +83,20 @@ impl Workers {
         });
     }
 
+    /// Finds folders of `python_path` from which nothing can be imported. To be asked where an interpreter is needed: a run that was
+    /// done elsewhere can be read without them.
+    pub fn check_folders(&self, faults: &mut Faults) {
+        for (i, path) in self.python_path.iter().enumerate() {
+            let field = format!("python_path[{i}]");
+            faults.check(Path::new(path).exists(), &field, || {
+                format!("there is no {path}; expected a folder with modules, relative to the config file")
+            });
+            faults.check(std::env::join_paths([path]).is_ok(), &field, || {
+                format!("{path} has the character in it that separates folders in PYTHONPATH; rename or move the folder")
+            });
+        }
+    }
+
     /// What a worker process may take.
     pub fn limits(&self) -> Limits {
         Limits {
@@ -113,5 +127,27 @@ mod tests {
         assert_eq!(resolved("venv"), folder.path().join("venv/bin/python").to_str().unwrap());
         assert_eq!(resolved("other/bin/python"), folder.path().join("other/bin/python").to_str().unwrap());
         assert_eq!(resolved("/usr/bin/python3"), "/usr/bin/python3");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn folders_from_which_nothing_can_be_imported_are_faults() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("a:b")).unwrap();
+        let python_path = ["", "a:b", "gone"].map(str::to_owned).to_vec();
+        let mut workers = Workers { python_path, ..Workers::default() };
+        workers.resolve(folder.path());
+        let mut faults = Faults::new();
+        workers.check_folders(&mut faults);
+        let found: Vec<String> = faults.into_found().iter().map(ToString::to_string).collect();
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!(
+            found[0].starts_with("`python_path[1]`: ") && found[0].contains("a:b has the character"),
+            "{found:?}"
+        );
+        assert!(
+            found[1].starts_with("`python_path[2]`: there is no ") && found[1].contains("gone; "),
+            "{found:?}"
+        );
     }
 }

@@ -48,7 +48,8 @@ pub struct Job<'a> {
     pub workers: usize,
 }
 
-/// See the [module](self). Several threads may have jobs done at once, each by a worker of its own.
+/// See the [module](self). Several threads may have jobs done at once, each by a worker of its own. When it is dropped, workers are
+/// asked to end, so that they can clean up.
 pub struct Workforce<'a> {
     hosts: &'a dyn Hosts,
     /// Workers that nobody uses just now.
@@ -106,5 +107,12 @@ impl<'a> Workforce<'a> {
 
     fn take_back(&self, program: WorkerProgram, worker: WorkerProcess) {
         self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((program, worker));
+    }
+}
+
+impl Drop for Workforce<'_> {
+    fn drop(&mut self) {
+        let idle = self.idle.get_mut().unwrap_or_else(|poisoned| poisoned.into_inner());
+        WorkerProcess::stop_all(idle.drain(..).map(|(_, worker)| worker));
     }
 }

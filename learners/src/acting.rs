@@ -1,7 +1,9 @@
 //! What learners that act in a simulator have in common: where they begin, and what they forgive.
 
 use elo_core::context::{Context, InitialStates};
-use elo_core::policy::TrainError;
+use std::time::{Duration, Instant};
+
+use elo_core::policy::{Monitor, Stopped, TrainError};
 use elo_core::seed::Seed;
 use elo_core::simulator::{Simulator, SimulatorError};
 use elo_core::task::Task;
@@ -10,19 +12,22 @@ use serde::{Deserialize, Serialize};
 /// Failed episodes that are forgiven however few the others are.
 const FORGIVEN_FAILURES: u64 = 10;
 
-/// Draws a start from `d0` for each task. A draw during which the simulator fails gives none.
+/// Draws a start from `d0` for each task. A draw during which the simulator fails gives none. `word` is called before each draw, for
+/// whoever waits.
 ///
 /// # Errors
-/// When no draw gave a start, or for a reason that another draw would meet too.
+/// When no draw gave a start, for a reason that another draw would meet too, or when `word` says to stop.
 pub(crate) fn draw_contexts(
     initial_states: &InitialStates,
     simulator: &mut dyn Simulator,
     tasks: impl Iterator<Item = Task>,
     seed: &Seed,
+    word: &mut dyn FnMut() -> Result<(), Stopped>,
 ) -> Result<Vec<Context>, TrainError> {
     let mut contexts = Vec::new();
     let mut last_failure = None;
     for (index, task) in (0..).zip(tasks) {
+        word()?;
         match initial_states.draw(simulator, &task, &seed.index(index)) {
             Ok(start) => contexts.push(Context { task, start }),
             Err(error @ (SimulatorError::Unstable(_) | SimulatorError::Engine(_))) => {
@@ -36,6 +41,35 @@ pub(crate) fn draw_contexts(
             Err(TrainError::Other(format!("no start can be drawn from d0: {error}")))
         }
         _ => Ok(contexts),
+    }
+}
+
+/// How often a [`Teller`] passes a word on.
+const WORDS_APART: Duration = Duration::from_millis(100);
+
+/// Tells a monitor of each step of a training, which would cost more than some steps do, about ten times a second.
+pub(crate) struct Teller<'a> {
+    monitor: &'a mut dyn Monitor,
+    total: u64,
+    last: Instant,
+}
+
+impl<'a> Teller<'a> {
+    /// Of a training of `total` steps.
+    pub fn new(monitor: &'a mut dyn Monitor, total: u64) -> Self {
+        Self { monitor, total, last: Instant::now() }
+    }
+
+    /// `done` steps are taken.
+    ///
+    /// # Errors
+    /// [`Stopped`], as [`Monitor::progress`].
+    pub fn step(&mut self, done: u64) -> Result<(), Stopped> {
+        if self.last.elapsed() < WORDS_APART {
+            return Ok(());
+        }
+        self.last = Instant::now();
+        self.monitor.progress(done, self.total)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The conformance suites, for plugins that are written in Python.
 
+use elo_backends::python::passing;
 use elo_core::conformance::check::Report;
 use elo_core::conformance::{metric, simulator, teacher};
 use elo_core::hosted::Hosted;
@@ -20,6 +21,10 @@ fn found(report: &Report) -> Found {
 /// Tries every rule of a role (`simulator`, `teacher` or `metric`) on a config. Teachers are tried on `simulator`.
 #[pyfunction]
 pub fn conformance(py: Python<'_>, role: &str, config_json: &str, simulator_json: &str) -> PyResult<Found> {
+    passing(|| suite(py, role, config_json, simulator_json))
+}
+
+fn suite(py: Python<'_>, role: &str, config_json: &str, simulator_json: &str) -> PyResult<Found> {
     match role {
         "simulator" => {
             let case = simulator::Case::new(simulators::simulator(config_json)?);

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use elo_backends::python::passing;
 use elo_core::config;
 use elo_core::fault::{Fault, Faults};
 use elo_core::hosted::Hosted;
@@ -67,7 +68,7 @@ pub fn described(hosted: &mut dyn Hosted) -> PyResult<()> {
 impl Simulator {
     #[new]
     fn new(config_json: &str) -> PyResult<Self> {
-        Ok(Self { inner: simulator(config_json)?.build().map_err(failed)? })
+        passing(|| Ok(Self { inner: simulator(config_json)?.build().map_err(failed)? }))
     }
 
     /// The spec, as JSON.
@@ -94,7 +95,7 @@ impl Simulator {
         let task: Task = serde_json::from_str(task).map_err(refused)?;
         let start: Start = serde_json::from_str(start).map_err(refused)?;
         let mut observation = vec![0.0; self.inner.spec().observation_size];
-        self.inner.reset(&task, &start, &mut observation).map_err(refused)?;
+        passing(|| self.inner.reset(&task, &start, &mut observation).map_err(refused))?;
         Ok(observation.into_pyarray(py))
     }
 
@@ -103,14 +104,14 @@ impl Simulator {
         let mut observation = vec![0.0; self.inner.spec().observation_size];
         let mut terms = vec![0.0; self.inner.spec().reward_terms.len()];
         let action = action.as_slice().map_err(refused)?;
-        let end = self.inner.step(action, &mut observation, &mut terms).map_err(failed)?;
+        let end = passing(|| self.inner.step(action, &mut observation, &mut terms).map_err(failed))?;
         let (terminated, truncated) = (end == End::Terminated, end == End::Truncated);
         Ok((observation.into_pyarray(py), terms.into_pyarray(py), terminated, truncated))
     }
 
     /// The present state, as JSON.
     fn state(&self) -> PyResult<String> {
-        let state: State = self.inner.state().map_err(failed)?;
+        let state: State = passing(|| self.inner.state().map_err(failed))?;
         Ok(serde_json::to_string(&state).expect("a state is plain data"))
     }
 }

@@ -11,6 +11,7 @@ import elo.gym
 import gymnasium
 import numpy as np
 import pytest
+from conftest import ENVIRONMENTS
 
 RAPIER = {"kind": "rapier", "robot": "half-cheetah"}
 
@@ -89,3 +90,47 @@ def test_control_c_ends_a_program_that_steps() -> None:
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=20)
     assert "KeyboardInterrupt" in told and process.returncode != 0
+
+
+INTERRUPTED = f"""
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.path.insert(0, {str(ENVIRONMENTS)!r})
+import elo.conformance, elo.gym, habits
+def table(how):
+    return {{"kind": "python", "target": "habits:Interrupted", "kwargs": {{"how": how}}, "reward_floor": -10.0}}
+mass = {{"kind": "python", "target": "toys:Mass", "reward_floor": -10.0}}
+def steps(how):
+    environment = elo.gym.make(table(how), max_episode_steps=None)
+    environment.reset(seed=1)
+    for _ in range(5):
+        environment.step(environment.action_space.sample())
+"""
+
+
+@pytest.mark.parametrize(
+    ("call", "raised"),
+    [
+        ("steps('ctrl-c')", "KeyboardInterrupt"),
+        ("steps('exit')", "SystemExit"),
+        ("elo.conformance.simulator(table('ctrl-c'))", "KeyboardInterrupt"),
+        ("elo.conformance.simulator(table('exit'))", "SystemExit"),
+        ("elo.conformance.teacher({'kind': 'python', 'target': 'habits:interrupted_teacher'}, mass)", "KeyboardInterrupt"),
+        ("elo.conformance.metric({'kind': 'python', 'target': 'habits:interrupted_score'})", "KeyboardInterrupt"),
+    ],
+)
+def test_control_c_in_python_that_elo_calls_passes_through_it(call: str, raised: str) -> None:
+    program = (
+        f"{INTERRUPTED}\n"
+        f"try:\n    {call}\n"
+        "except BaseException as error:\n    print(type(error).__name__, habits.Interrupted.steps, error)\n"
+        "else:\n    print('went on')\n"
+        # What was stopped can be done again.
+        "print(elo.conformance.simulator(mass))\n"
+    )
+    ended = run(program)
+    lines = ended.stdout.splitlines()
+    assert lines[0].split()[0] == raised and lines[-1] == "[]", (ended.stdout, ended.stderr)
+    # Nothing was asked of the environment after the third step. A metric's rule on threads goes on to its end.
+    assert "metric" in call or lines[0].split()[1] in ("0", "3"), ended.stdout
+    assert raised == "KeyboardInterrupt" or lines[0].endswith("7")

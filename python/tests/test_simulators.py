@@ -208,6 +208,13 @@ def test_a_floor_above_the_rewards_is_told(discover: Discover) -> None:
     assert ran.returncode == 2 and "less than `reward_floor`, 5;" in ran.stderr, ran.stderr
 
 
+def test_episodes_that_are_others_in_another_process_are_told(discover: Discover) -> None:
+    ran = discover('target = "habits:Homely"\nreward_floor = -10.0', *TAUGHT)
+    said = "warning: `simulator`: the same seed and actions gave another episode in another process, from step 1 on"
+    assert ran.returncode == 0 and said in ran.stderr, ran.stderr
+    assert "warning" not in discover('target = "toys:Mass"\nreward_floor = -10.0', *TAUGHT, out="sound").stderr
+
+
 def test_episodes_that_do_not_repeat_are_told(discover: Discover) -> None:
     ran = discover(wrong("hidden counter"))
     assert ran.returncode == 0, ran.stderr

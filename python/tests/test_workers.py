@@ -40,6 +40,41 @@ def test_reading_a_state_is_watched(discover: Discover) -> None:
     assert ran.returncode == 1 and "did not come back within 0.5 s" in ran.stderr, ran.stderr
 
 
+def test_a_slow_environment_is_not_taken_for_a_silent_one(discover: Discover) -> None:
+    """Its starts, an iteration, and the trial after the training: each takes longer than it may be silent."""
+    sizes = ["teacher.d0_pool=80", "initial_states.max_random_steps=9", "teacher.steps=512", "teacher.rollout_steps=512"]
+    sizes += ["discover.steps=5"]
+    settings = [part for size in sizes for part in ("--set", size)]
+    ran = discover('target = "habits:Slow"\nreward_floor = -10.0', *settings, workers="silence_seconds = 2.5")
+    assert ran.returncode == 0 and "silent" not in ran.stderr, ran.stderr
+
+
+def test_silence_names_the_field_that_limits_it(discover: Discover) -> None:
+    ran = discover(wrong("sleeps", at=-1.0), *TAUGHT, "--set", "discover.candidates=2", workers="silence_seconds = 3.0")
+    assert ran.returncode == 2 and "was silent for 3 s (`workers.silence_seconds`) and was killed" in ran.stderr, ran.stderr
+
+
+def test_environments_are_closed_and_their_processes_end_in_order(discover: Discover, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    weight = 'name = "weight"\ndefault = 1.0\nlow = 0.5\nhigh = 2.0\nbinding = "constructor"'
+    simulator = f'target = "habits:Logged"\nreward_floor = -10.0\nkwargs = {{ log = "{log}" }}\n[[simulator.task_parameters]]\n{weight}'
+    ran = discover(simulator, "--set", "tasks={weight={low=0.5,high=2.0}}")
+    assert ran.returncode == 0 and "nobody" not in ran.stderr, ran.stderr
+    lines = log.read_text().split("\n")[:-1]
+    said = {what: sorted(line.split()[1:] for line in lines if line.startswith(what)) for what in ("made", "closed", "over")}
+    assert len(said["made"]) > 6 and said["made"] == said["closed"] == said["over"], lines
+
+
+@pytest.mark.parametrize(("name", "said"), [("a:b", "has the character in it that separates folders"), ("gone", "there is no ")])
+def test_folders_from_which_nothing_can_be_imported_are_told(
+    discover: Discover, tmp_path: Path, name: str, said: str
+) -> None:
+    (tmp_path / "a:b").mkdir()
+    ran = discover(MASS, "--set", f'workers.python_path=["{name}"]')
+    assert ran.returncode == 2 and "`workers.python_path[0]`: " in ran.stderr and said in ran.stderr, ran.stderr
+    assert f"{tmp_path / name}" in ran.stderr and "finds no module" not in ran.stderr, ran.stderr
+
+
 CRASHES = [("segfaults", "SIGSEGV"), ("aborts", "SIGABRT")]
 
 

@@ -115,6 +115,17 @@ fn what_cannot_be_compared_is_told_before_any_work() {
     let empty = write(folder.path(), "empty.toml", "");
     let ran = crosscheck(&["--simulator", empty.to_str().unwrap()]).expect_code(2);
     assert!(ran.stderr.contains("no table [simulator]"), "{ran}");
+    let slips = [
+        ("workers = 3", "`workers`: expected a table, got the integer 3"),
+        ("[simulater]\nkind = \"rapier\"", "`simulater`: is unknown; expected one of seed, simulator, "),
+        ("[simulater]\nkind = \"rapier\"", "did you mean `simulator`?"),
+    ];
+    for (slip, said) in slips {
+        let text = format!("{slip}\n[simulator]\nkind = \"rapier\"\nrobot = \"ant\"\n");
+        let file = write(folder.path(), "slip.toml", &text);
+        let ran = crosscheck(&["--simulator", file.to_str().unwrap()]).expect_code(2);
+        assert!(ran.stderr.contains(said), "{ran}");
+    }
     let ran = crosscheck(&["--simulator", "rapier", "--contexts", "1"]).expect_code(2);
     assert!(ran.stderr.contains("expected at least 2"), "{ran}");
     let mut command = elo_with(&["crosscheck", "--simulator", "rapier"]);

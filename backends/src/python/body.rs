@@ -6,7 +6,8 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use super::PythonBodyConfig;
-use super::interpreter::{Shared, bridge, refused, told};
+use super::interpreter::{Shared, known_bridge, refused, told};
+use super::interruption::asked;
 use super::watchdog::Call;
 use crate::locomotion::body::{ArticulatedBody, Dynamics, Reading};
 use crate::locomotion::model::RobotModel;
@@ -28,32 +29,37 @@ impl PythonBody {
     /// Has the bridge make the body of `model`'s robot.
     ///
     /// # Errors
-    /// A target that cannot be imported or called, or that gives no body.
+    /// A target that cannot be imported or called, that gives no body, or that is not what it was when the
+    /// config was read.
     pub fn new(config: &PythonBodyConfig, model: &RobotModel) -> Result<Self, BuildError> {
-        Python::attach(|py| -> PyResult<Self> {
-            let bridge = bridge(py, "body", &config.told(model))?;
-            let reading = Shared::of(&bridge, "reading")?;
-            Ok(Self {
-                advance: bridge.getattr("advance")?.unbind(),
-                torques: Shared::of(&bridge, "torques")?,
-                latest: vec![0.0; reading.len(py)?],
-                reading,
-                bodies: model.bodies.len(),
-                joints: model.joints.len(),
-                bridge: bridge.unbind(),
-            })
+        Python::attach(|py| {
+            let (target, told) = (&config.target, config.told(model));
+            let bridge = known_bridge(py, "body", &told, target, config.described.as_ref())?;
+            Self::over(bridge, model).map_err(refused)
         })
-        .map_err(refused)
+    }
+
+    fn over(bridge: Bound<'_, PyAny>, model: &RobotModel) -> PyResult<Self> {
+        let reading = Shared::of(&bridge, "reading")?;
+        Ok(Self {
+            advance: bridge.getattr("advance")?.unbind(),
+            torques: Shared::of(&bridge, "torques")?,
+            latest: vec![0.0; reading.len(bridge.py())?],
+            reading,
+            bodies: model.bodies.len(),
+            joints: model.joints.len(),
+            bridge: bridge.unbind(),
+        })
     }
 
     /// Makes a call, then takes over what it left in `reading`.
     fn call(&mut self, call: impl FnOnce(&Self, Python<'_>) -> PyResult<()>) -> Result<(), SimulatorError> {
-        let done = Python::attach(|py| {
+        let done = asked(|py| {
             let _call = Call::begin();
             call(self, py)?;
             self.reading.read(py, &mut self.latest)
         });
-        done.map_err(|error: PyErr| SimulatorError::Unstable(told(&error)))?;
+        done.map_err(|error| SimulatorError::Unstable(told(&error)))?;
         match self.latest.iter().all(|x| x.is_finite()) {
             true => Ok(()),
             false => Err(SimulatorError::Unstable("a coordinate is not finite".to_owned())),

@@ -1,5 +1,6 @@
 //! What a user says about an engine in Python that moves a robot's bodies.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use elo_core::fault::Faults;
@@ -9,6 +10,7 @@ use elo_core::spec::SimulatorSpec;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::files;
 use crate::locomotion::model::{ActuatedJoint, RobotModel};
 use crate::locomotion::robot::{self, RobotDescription};
 
@@ -24,14 +26,18 @@ pub struct PythonBodyConfig {
     /// Keyword arguments of the callable.
     #[serde(default)]
     pub kwargs: serde_json::Map<String, serde_json::Value>,
+    /// Files that the callable is given as keyword arguments, by their paths; relative to the config file here. What they hold is
+    /// part of every result's key, which it is not where `kwargs` name a path.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
     /// One of the built-in robots: `ant`, `half-cheetah` or `walker2d`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<String>,
     /// A robot of the user's own: a table as in `examples/hopper-quick.toml`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_robot: Option<RobotDescription>,
-    /// Versions of what the body's numbers depend on, and hashes of the source files of the target, of its class and of its base
-    /// classes: part of every result's key. Written by the program.
+    /// Versions of what the body's numbers depend on, and hashes of `files` and of the source files of the target, of its class and
+    /// of its base classes: part of every result's key. Written by the program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub described: Option<String>,
 }
@@ -45,6 +51,7 @@ impl Default for PythonBodyConfig {
         Self {
             target: mujoco(),
             kwargs: serde_json::Map::new(),
+            files: BTreeMap::new(),
             robot: Some("half-cheetah".to_owned()),
             own_robot: None,
             described: None,
@@ -70,7 +77,7 @@ impl PythonBodyConfig {
             positions: model.standard_positions.len(),
             velocities: model.velocity_count,
         };
-        Told { target: &self.target, kwargs: &self.kwargs, robot }
+        Told { target: &self.target, kwargs: &self.kwargs, files: &self.files, robot }
     }
 }
 
@@ -79,6 +86,7 @@ impl PythonBodyConfig {
 pub(super) struct Told<'a> {
     target: &'a str,
     kwargs: &'a serde_json::Map<String, serde_json::Value>,
+    files: &'a BTreeMap<String, String>,
     robot: Robot<'a>,
 }
 
@@ -106,6 +114,7 @@ struct Joint<'a> {
 #[typetag::serde(name = "python_body")]
 impl SimulatorConfig for PythonBodyConfig {
     fn embed_files(&mut self, folder: &Path, faults: &mut Faults) {
+        files::embed(&mut self.files, folder, faults);
         if let Some(own) = &mut self.own_robot {
             faults.within("own_robot", |faults| own.embed(folder, faults));
         }
@@ -113,6 +122,7 @@ impl SimulatorConfig for PythonBodyConfig {
 
     fn validate(&self, faults: &mut Faults) {
         super::validate_target(&self.target, faults);
+        files::validate(&self.files, &self.kwargs, faults);
         robot::validate(self.robot.as_deref(), self.own_robot.as_ref(), faults);
     }
 

@@ -1,11 +1,16 @@
 //! What a user says about an environment in Python.
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
 use elo_core::fault::Faults;
 use elo_core::hosted::{Hosted, WorkerProgram};
 use elo_core::simulator::{BuildError, Engine, Simulator, SimulatorConfig};
 use elo_core::spec::{Capabilities, Effect, RewardTerm, SimulatorSpec, TaskParameter, Weight};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use super::files;
 
 /// An environment in Python with Gymnasium's interface and `Box` spaces. It is code that is executed: name only what you
 /// trust.
@@ -17,6 +22,10 @@ pub struct PythonConfig {
     pub target: String,
     /// Keyword arguments of the callable or of `gymnasium.make`.
     pub kwargs: serde_json::Map<String, serde_json::Value>,
+    /// Files that the callable is given as keyword arguments, by their paths; relative to the config file here. What they hold is
+    /// part of every result's key, which it is not where `kwargs` name a path.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
     /// What the robot is called; options of one robot are refused by another. Empty: the target.
     pub robot: String,
     /// Simulated seconds between two actions. Without it the environment is asked: its attribute `control_step` or `dt`,
@@ -111,8 +120,8 @@ pub struct Described {
     /// Simulated seconds between two actions.
     pub control_step: f64,
     /// Versions of Python, NumPy, Gymnasium and the target's packages, and hashes of source files: of the module that the target
-    /// names, and of those in which it, the environment, its wrappers and their base classes are written. They are part of every
-    /// result's key. What these import besides is not.
+    /// names, of those in which it, the environment, its wrappers and their base classes are written, and of `files`. They are
+    /// part of every result's key. What these import besides is not.
     pub versions: String,
 }
 
@@ -121,6 +130,7 @@ impl Default for PythonConfig {
         Self {
             target: "Pendulum-v1".to_owned(),
             kwargs: serde_json::Map::new(),
+            files: BTreeMap::new(),
             robot: String::new(),
             control_step: None,
             reward_terms: Vec::new(),
@@ -200,6 +210,10 @@ impl PythonConfig {
 
 #[typetag::serde(name = "python")]
 impl SimulatorConfig for PythonConfig {
+    fn embed_files(&mut self, folder: &Path, faults: &mut Faults) {
+        files::embed(&mut self.files, folder, faults);
+    }
+
     fn validate(&self, faults: &mut Faults) {
         faults.check(!self.target.is_empty(), "target", || {
             "expected a Gymnasium id or `module:callable`, got \"\"".to_owned()
@@ -212,6 +226,7 @@ impl SimulatorConfig for PythonConfig {
                 format!("expected a positive number of seconds, got {step}")
             });
         }
+        files::validate(&self.files, &self.kwargs, faults);
         self.validate_terms(faults);
     }
 

@@ -1,10 +1,12 @@
 //! Calls into the modules `elo._bridge.*` of the Python package, which know users' code.
 
+use std::fmt::Debug;
+
 use elo_core::simulator::BuildError;
 use numpy::{Element, PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
 
-use super::watchdog;
+use super::{interruption, watchdog};
 
 /// The `Bridge` of the module `elo._bridge.NAME`, made of a config.
 pub fn bridge<'py>(
@@ -15,6 +17,50 @@ pub fn bridge<'py>(
     let text = serde_json::to_string(config).expect("a config is plain data");
     watchdog::watch();
     py.import(format!("elo._bridge.{name}"))?.getattr("Bridge")?.call1((text,))
+}
+
+/// The [`bridge`] of a plugin whose versions are known from when the config was read: they must still be what they were.
+///
+/// # Errors
+/// A bridge that cannot be made, and [`unchanged`].
+pub fn known_bridge<'py>(
+    py: Python<'py>,
+    name: &str,
+    config: &impl serde::Serialize,
+    target: &str,
+    described: Option<&String>,
+) -> Result<Bound<'py, PyAny>, BuildError> {
+    let bridge = interruption::asked(|_| bridge(py, name, config)).map_err(refused)?;
+    if let Some(then) = described {
+        let now = bridge.call_method0("versions").and_then(|versions| versions.extract());
+        unchanged(target, &now.map_err(refused)?, then)?;
+    }
+    Ok(bridge)
+}
+
+/// Refuses code of users that says something else of itself (`now`) than it did when the config was read (`then`): its results
+/// would be stored under the keys of the other code.
+///
+/// # Errors
+/// [`BuildError::Code`].
+pub fn unchanged<T: PartialEq + Debug>(target: &str, now: &T, then: &T) -> Result<(), BuildError> {
+    if now == then {
+        return Ok(());
+    }
+    Err(BuildError::Code(format!(
+        "`{target}` is not what it was when the config was read: {now:?} instead of {then:?}; run again to use it as it is now"
+    )))
+}
+
+/// Closes what `bridge` has made, if that can be closed. Its errors are nobody's: whoever had it is done with it.
+pub fn close(bridge: &Bound<'_, PyAny>) {
+    let py = bridge.py();
+    if bridge.hasattr("close").unwrap_or(false) {
+        let _call = watchdog::Call::begin();
+        if let Err(error) = bridge.call_method0("close") {
+            interruption::note(&error, py);
+        }
+    }
 }
 
 /// An array of a bridge that both sides see.
@@ -46,9 +92,10 @@ impl<T: Element + Copy> Shared<T> {
     }
 }
 
-/// An exception with its traceback; those of our own kind are for users and need none.
+/// An exception with its traceback; those of our own kind are for users and need none. One that is no error goes on its way too.
 pub fn told(error: &PyErr) -> String {
     Python::attach(|py| {
+        interruption::note(error, py);
         let formatted = || -> PyResult<String> {
             py.import("elo._bridge")?
                 .getattr("tell")?

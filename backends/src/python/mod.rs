@@ -15,8 +15,11 @@ use elo_core::simulator::BuildError;
 mod body;
 mod body_config;
 mod config;
+mod files;
 #[cfg(feature = "python")]
 mod interpreter;
+#[cfg(feature = "python")]
+mod interruption;
 mod metric;
 #[cfg(feature = "python")]
 mod policy;
@@ -32,6 +35,8 @@ mod watchdog;
 pub use body::PythonBody;
 pub use body_config::PythonBodyConfig;
 pub use config::{Described, InfoTerm, ParameterBinding, PythonConfig, PythonParameter, StateMethods};
+#[cfg(feature = "python")]
+pub use interruption::passing;
 pub use metric::PythonMetricConfig;
 #[cfg(feature = "python")]
 pub use simulator::PythonSimulator;
@@ -63,8 +68,11 @@ fn validate_target(target: &str, faults: &mut Faults) {
 #[cfg(feature = "python")]
 fn describe(bridge: &str, config: &impl serde::Serialize) -> Result<Vec<u8>, BuildError> {
     use pyo3::prelude::*;
-    let text = Python::attach(|py| {
-        interpreter::bridge(py, bridge, config)?.call_method0("describe")?.extract::<String>()
+    let text = interruption::asked(|py| {
+        let bridge = interpreter::bridge(py, bridge, config)?;
+        let text = bridge.call_method0("describe").and_then(|text| text.extract::<String>());
+        interpreter::close(&bridge);
+        text
     });
     text.map(String::into_bytes).map_err(interpreter::refused)
 }

@@ -10,7 +10,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::config::{Described, PythonConfig};
-use super::interpreter::{Shared, bridge, refused, told};
+use super::interpreter::{Shared, bridge, close, refused, told, unchanged};
+use super::interruption::asked;
 use super::watchdog::Call;
 
 /// See the [module](super).
@@ -36,7 +37,7 @@ impl PythonSimulator {
     /// A target that cannot be imported or made, spaces that are no boxes, or another environment than `config`
     /// describes.
     pub fn new(config: &PythonConfig) -> Result<Self, BuildError> {
-        let made = Python::attach(|py| -> PyResult<_> {
+        let made = asked(|py| {
             let bridge = bridge(py, "environment", config)?;
             let described: String = bridge.call_method0("describe")?.extract()?;
             let (action, observation) = (Shared::of(&bridge, "action")?, Shared::of(&bridge, "observation")?);
@@ -46,12 +47,7 @@ impl PythonSimulator {
         let (described, action, observation, terms, step, bridge) = made.map_err(refused)?;
         let described: Described =
             serde_json::from_str(&described).map_err(|error| BuildError::Code(error.to_string()))?;
-        if let Some(expected) = config.described.as_ref().filter(|expected| **expected != described) {
-            return Err(BuildError::Code(format!(
-                "`{}` is not what it was when the config was read: {described:?} instead of {expected:?}",
-                config.target
-            )));
-        }
+        config.described.as_ref().map_or(Ok(()), |then| unchanged(&config.target, &described, then))?;
         let spec = config.spec_with(&described);
         Ok(Self {
             clipped: vec![0.0; spec.action_size()],
@@ -73,15 +69,23 @@ impl PythonSimulator {
         observation: &mut [f32],
         call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<()>,
     ) -> Result<(), SimulatorError> {
-        let done = Python::attach(|py| {
+        let done = asked(|py| {
             let bridge = self.bridge.bind(py);
             bridge.call_method1("prepare", (parameters,))?;
             let _call = Call::begin();
             call(bridge)?;
             self.observation.read(py, observation)
         });
-        done.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))?;
+        done.map_err(|error| SimulatorError::Engine(told(&error)))?;
         check_finite(observation, &[])
+    }
+}
+
+impl Drop for PythonSimulator {
+    /// Closes the environment.
+    fn drop(&mut self) {
+        // None while the interpreter ends.
+        Python::try_attach(|py| close(self.bridge.bind(py)));
     }
 }
 
@@ -132,7 +136,7 @@ impl Simulator for PythonSimulator {
         check_action(action)?;
         self.clipped.copy_from_slice(action);
         self.spec.clip(&mut self.clipped);
-        let end = Python::attach(|py| -> PyResult<u8> {
+        let end = asked(|py| -> PyResult<u8> {
             let _call = Call::begin();
             self.action.write(py, &self.clipped)?;
             let end = self.step.bind(py).call0()?.extract()?;
@@ -157,12 +161,12 @@ impl Simulator for PythonSimulator {
         if !self.begun {
             return Err(SimulatorError::NoEpisode);
         }
-        let state = Python::attach(|py| {
+        let state = asked(|py| {
             let _call = Call::begin();
             let (positions, velocities, memory, elapsed) =
                 self.bridge.bind(py).call_method0("state")?.extract()?;
             Ok(State { positions, velocities, memory, elapsed })
         });
-        state.map_err(|error: PyErr| SimulatorError::Engine(told(&error)))
+        state.map_err(|error| SimulatorError::Engine(told(&error)))
     }
 }

@@ -14,10 +14,13 @@ use elo_core::tensors::{TensorError, Tensors};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::files;
+
 /// Policies that a callable in Python gives, for example networks that another program has trained.
 ///
-/// The callable is asked once for each task and worker, as `callable(task=…, seed=…, **files, **kwargs)`: `task` maps the
-/// task's parameters to numbers, `seed` is an integer of the teacher's own. It gives the policy, called as
+/// The callable is asked as `callable(task=…, seed=…, **files, **kwargs)`: `task` maps the task's parameters to numbers, `seed` is an
+/// integer of the teacher's own. Each unit of work in which the policy acts asks anew, several times a run in each worker, so a
+/// callable that reads much should keep it, as by `functools.cache`. It gives the policy, called as
 /// `policy(observation, noise)` with an array of float32 and `None` for the policy's mean action or a
 /// `numpy.random.Generator` for a sample; it gives an array of actions. The same arguments must give the same policy, and
 /// the same observation and generator the same action.
@@ -93,17 +96,12 @@ fn sizes(spec: &SimulatorSpec) -> Vec<f32> {
 #[typetag::serde(name = "python")]
 impl TeacherConfig for PythonTeacherConfig {
     fn embed_files(&mut self, folder: &Path, faults: &mut Faults) {
-        for (name, path) in &mut self.files {
-            let joined = folder.join(&*path);
-            faults.check(joined.is_file(), &format!("files.{name}"), || {
-                format!("there is no file {}", joined.display())
-            });
-            *path = std::path::absolute(&joined).unwrap_or(joined).to_string_lossy().into_owned();
-        }
+        files::embed(&mut self.files, folder, faults);
     }
 
     fn validate(&self, faults: &mut Faults) {
         super::validate_target(&self.target, faults);
+        files::validate(&self.files, &self.kwargs, faults);
         for name in self.files.keys().chain(self.kwargs.keys()) {
             let reserved = name == "task" || name == "seed";
             faults.check(!reserved, "", || format!("`{name}` is an argument that the program gives"));

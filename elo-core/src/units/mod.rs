@@ -177,7 +177,7 @@ impl Work {
             Self::Film(work) => work.perform(inputs, site, monitor),
             Self::Score(work) => work.perform(inputs, monitor),
             Self::Describe(work) => work.perform(),
-            Self::Rehearse(work) => work.perform(),
+            Self::Rehearse(work) => work.perform(monitor),
         }
     }
 }

@@ -1,10 +1,13 @@
 //! Plays a short episode in an environment before a run spends time on it. Its result is never stored.
+//!
+//! Whoever rehearses has two workers do it and compares what they found: a run's units are done by several processes.
 
 use serde::{Deserialize, Serialize};
 
 use super::codec::{self, Malformed};
 use super::{Work, WorkError};
 use crate::agent::{Agent as _, RandomTorque};
+use crate::policy::Monitor;
 use crate::rollout::price;
 use crate::seed::Seed;
 use crate::simulator::{End, Simulator, SimulatorConfig, Start, check_finite};
@@ -23,28 +26,38 @@ pub struct Rehearse(pub Box<dyn SimulatorConfig>);
 pub struct Rehearsed {
     /// The first step at which the episodes differed, though their seeds and actions were the same; 0 is the reset.
     pub differed_at: Option<usize>,
+    /// A hash of what came of the reset and of each step of the first episode.
+    pub moments: Vec<String>,
 }
 
 /// What came of the reset or of one step: observation, reward terms, and whether the episode ended.
 type Moment = (Vec<f32>, Vec<f64>, End);
 
 impl Rehearse {
-    pub(super) fn perform(&self) -> Result<Vec<u8>, WorkError> {
-        let expected = play(self.0.build()?.as_mut())?;
+    pub(super) fn perform(&self, monitor: &mut dyn Monitor) -> Result<Vec<u8>, WorkError> {
+        let expected = play(self.0.build()?.as_mut(), monitor)?;
         let mut simulator = self.0.build()?;
-        let again = [play(simulator.as_mut())?, play(simulator.as_mut())?];
+        let again = [play(simulator.as_mut(), monitor)?, play(simulator.as_mut(), monitor)?];
         let differed_at = again.iter().filter_map(|again| parting(&expected, again)).min();
-        Ok(codec::encode(&Rehearsed { differed_at }, &[]))
+        let moments = expected.iter().map(hash).collect();
+        Ok(codec::encode(&Rehearsed { differed_at, moments }, &[]))
     }
 }
 
+fn hash((observation, terms, end): &Moment) -> String {
+    let numbers = observation.iter().flat_map(|x| x.to_le_bytes());
+    let bytes: Vec<u8> =
+        numbers.chain(terms.iter().flat_map(|x| x.to_le_bytes())).chain([*end as u8]).collect();
+    blake3::hash(&bytes).to_hex().to_string()
+}
+
 /// Where the episodes begin to differ.
-fn parting(first: &[Moment], second: &[Moment]) -> Option<usize> {
+fn parting<T: PartialEq>(first: &[T], second: &[T]) -> Option<usize> {
     let same = first.iter().zip(second).take_while(|(a, b)| a == b).count();
     (same < first.len().max(second.len())).then_some(same)
 }
 
-fn play(simulator: &mut dyn Simulator) -> Result<Vec<Moment>, WorkError> {
+fn play(simulator: &mut dyn Simulator, monitor: &mut dyn Monitor) -> Result<Vec<Moment>, WorkError> {
     let spec = simulator.spec().clone();
     let (task, prices) = (Task::default(), spec.prices(&Task::default()));
     let (mut observation, mut terms) = (vec![0.0; spec.observation_size], vec![0.0; spec.reward_terms.len()]);
@@ -52,12 +65,14 @@ fn play(simulator: &mut dyn Simulator) -> Result<Vec<Moment>, WorkError> {
     let mut noise = Seed::root(0).child("rehearsal").stream();
     let mut agent = RandomTorque::new(&spec);
 
+    monitor.progress(0, STEPS as u64)?;
     let begun = simulator.reset(&task, &Start::Seed(0), &mut observation);
     begun
         .and_then(|()| check_finite(&observation, &[]))
         .map_err(|error| WorkError::Failed(format!("at the reset: {error}")))?;
     let mut seen = vec![(observation.clone(), Vec::new(), End::Running)];
     for step in 1..=STEPS {
+        monitor.progress(step as u64, STEPS as u64)?;
         agent.act(&observation, &mut noise, &mut action);
         let end = simulator.step(&action, &mut observation, &mut terms);
         let end = end.and_then(|end| check_finite(&observation, &terms).map(|()| end));
@@ -86,6 +101,11 @@ impl Rehearsed {
     pub fn decode(bytes: &[u8]) -> Result<Self, Malformed> {
         Ok(codec::decode(bytes)?.0)
     }
+
+    /// The first step at which another process, which rehearsed the same, saw another episode.
+    pub fn parting_from(&self, other: &Self) -> Option<usize> {
+        parting(&self.moments, &other.moments)
+    }
 }
 
 impl From<Rehearse> for Work {
@@ -103,6 +123,7 @@ mod tests {
     use super::*;
     use crate::conformance::point_mass::PointMassConfig;
     use crate::fault::Faults;
+    use crate::policy::Unwatched;
     use crate::simulator::{BuildError, Engine, SimulatorError, State};
     use crate::spec::SimulatorSpec;
 
@@ -177,14 +198,16 @@ mod tests {
     }
 
     fn rehearse(how: Amiss) -> Result<Rehearsed, String> {
-        let done = Rehearse(Box::new(how)).perform().map_err(|error| error.to_string())?;
+        let done = Rehearse(Box::new(how)).perform(&mut Unwatched).map_err(|error| error.to_string())?;
         Ok(Rehearsed::decode(&done).unwrap())
     }
 
     #[test]
     fn a_sound_environment_is_found_sound() {
         for how in [Amiss::Nothing, Amiss::Short] {
-            assert_eq!(rehearse(how), Ok(Rehearsed { differed_at: None }));
+            let (here, there) = (rehearse(how).unwrap(), rehearse(how).unwrap());
+            assert_eq!((here.differed_at, here.parting_from(&there)), (None, None));
+            assert_eq!(here.moments.len(), if how == Amiss::Short { 3 } else { 1 + STEPS });
         }
     }
 
@@ -194,8 +217,16 @@ mod tests {
         assert!(told.contains("at step 4") && told.contains("not finite"), "{told}");
         let told = rehearse(Amiss::Floor).unwrap_err();
         assert!(told.contains("step 1 ") && told.contains("`reward_floor`, 1000000"), "{told}");
-        assert_eq!(rehearse(Amiss::Noise), Ok(Rehearsed { differed_at: Some(3) }));
+        assert_eq!(rehearse(Amiss::Noise).unwrap().differed_at, Some(3));
         // Its second episode alone differs.
-        assert_eq!(rehearse(Amiss::Wear), Ok(Rehearsed { differed_at: Some(5) }));
+        assert_eq!(rehearse(Amiss::Wear).unwrap().differed_at, Some(5));
+    }
+
+    #[test]
+    fn what_differs_between_processes_is_found_by_comparing_what_they_saw() {
+        let [here, shorter, other] =
+            [Amiss::Nothing, Amiss::Short, Amiss::Noise].map(|how| rehearse(how).unwrap());
+        assert_eq!(here.parting_from(&shorter), Some(2));
+        assert_eq!(here.parting_from(&other), Some(3));
     }
 }

@@ -55,41 +55,42 @@ impl Train {
                 seed: seed.clone(),
             };
             let trained = self.teacher.train(&lesson, monitor)?;
-            self.trial(&trained, seed)?;
+            self.trial(&trained, seed, monitor)?;
             Ok(trained)
         })?;
         Ok(TeacherResult { trained: outcome.trained, diverged: outcome.diverged }.encode())
     }
 
     /// Refuses a teacher that is worse than random torque from the same starts, beyond what chance explains. A rollout in
-    /// which the simulator fails counts as the worst possible.
-    fn trial(&self, trained: &Trained, seed: &Seed) -> Result<(), TrainError> {
+    /// which the simulator fails counts as the worst possible. The monitor hears of each rollout; to it the training is over.
+    fn trial(&self, trained: &Trained, seed: &Seed, monitor: &mut dyn Monitor) -> Result<(), TrainError> {
         let mut simulator = self.simulator.build()?;
         let spec = simulator.spec().clone();
         let policy = self
             .teacher
             .load(&trained.policy, &spec)
             .map_err(|error| TrainError::Other(error.to_string()))?;
-        let prices = spec.prices(&self.task);
+        let (prices, steps) = (spec.prices(&self.task), self.teacher.simulator_steps());
         let horizon = Horizon { steps: TRIAL_STEPS, discount: 1.0, stop_at_fall: true };
         let floor = spec.reward_floor * TRIAL_STEPS as f64;
         let differences: Vec<f64> = (0..TRIAL_EPISODES)
-            .map(|episode| {
+            .map(|episode| -> Result<f64, TrainError> {
                 let seed = seed.child("trial").index(episode);
                 let start = PreparedStart::standard(seed.number());
                 let context = Context { task: self.task.clone(), start };
-                let mut value = |agent: &mut dyn Agent| {
+                let mut value = |agent: &mut dyn Agent| -> Result<f64, TrainError> {
+                    monitor.progress(steps, steps)?;
                     let result = rollout(simulator.as_mut(), agent, &context, &horizon, &mut seed.stream());
-                    match result.ending {
+                    Ok(match result.ending {
                         // What was summed until then says nothing.
                         Ending::Failed(_) => floor,
                         _ => price(&result.term_sums, &prices),
-                    }
+                    })
                 };
-                value(&mut Taught { policy: policy.as_ref(), sampling: false })
-                    - value(&mut RandomTorque::new(&spec))
+                let taught = value(&mut Taught { policy: policy.as_ref(), sampling: false })?;
+                Ok(taught - value(&mut RandomTorque::new(&spec))?)
             })
-            .collect();
+            .collect::<Result<_, _>>()?;
         let count = differences.len() as f64;
         let mean = differences.iter().sum::<f64>() / count;
         let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (count - 1.0);

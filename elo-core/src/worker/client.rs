@@ -164,11 +164,22 @@ impl WorkerProcess {
     }
 
     /// Asks it to end and gives it two seconds, so that it can clean up; then it is killed.
-    pub fn stop(mut self) {
-        if let Ok(frame) = Request::Stop.encode() {
-            self.send(frame);
+    pub fn stop(self) {
+        Self::stop_all([self]);
+    }
+
+    /// [`Self::stop`] for several workers, which have the two seconds together.
+    pub fn stop_all(workers: impl IntoIterator<Item = Self>) {
+        let ask = |worker: Self| {
+            if let Ok(frame) = Request::Stop.encode() {
+                worker.send(frame);
+            }
+            worker
+        };
+        let (start, asked) = (Instant::now(), workers.into_iter().map(ask).collect::<Vec<_>>());
+        for mut worker in asked {
+            worker.group.wait(FAREWELL.saturating_sub(start.elapsed()));
         }
-        self.group.wait(FAREWELL);
     }
 
     fn send(&self, frame: Vec<u8>) {

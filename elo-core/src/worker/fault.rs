@@ -101,7 +101,7 @@ pub enum WorkerFault {
         stderr: Vec<String>,
     },
     /// It was silent for longer than [`super::Limits::silence`].
-    #[error("worker `{program}` was silent for {} s and was killed{}", after.as_secs_f64(), Tail(stderr))]
+    #[error("worker `{program}` was silent for {} s (`workers.silence_seconds`) and was killed{}", after.as_secs_f64(), Tail(stderr))]
     Hung {
         /// The program.
         program: String,
@@ -167,7 +167,10 @@ mod tests {
         );
         let after = Duration::from_millis(1500);
         let hung = WorkerFault::Hung { program: program(), after, stderr: vec![] };
-        assert_eq!(hung.to_string(), "worker `elo-mujoco` was silent for 1.5 s and was killed");
+        assert_eq!(
+            hung.to_string(),
+            "worker `elo-mujoco` was silent for 1.5 s (`workers.silence_seconds`) and was killed"
+        );
         assert!(!hung.leaves_worker_usable());
         assert!(WorkerFault::from(JobError::failed("raised")).leaves_worker_usable());
     }

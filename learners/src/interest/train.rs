@@ -132,8 +132,13 @@ impl<'a> Training<'a> {
         let seed = practice.seed.child("contexts");
         let tasks = (0..config.context_pool)
             .map(|index| practice.tasks.draw(&mut seed.child("task").index(index).stream()));
-        let contexts =
-            draw_contexts(practice.initial_states, simulators[0].as_mut(), tasks, &seed.child("start"))?;
+        let contexts = draw_contexts(
+            practice.initial_states,
+            simulators[0].as_mut(),
+            tasks,
+            &seed.child("start"),
+            &mut || Ok(()),
+        )?;
         let with_features = |context: Context| {
             let features = task_features(&context.task, practice, &spec);
             (context, features)

@@ -202,7 +202,10 @@ mod tests {
         let mut simulator = config.build().unwrap();
         let tasks = std::iter::repeat_n(task.clone(), 20);
         let contexts =
-            draw_contexts(&InitialStates::default(), simulator.as_mut(), tasks, &Seed::root(1)).unwrap();
+            draw_contexts(&InitialStates::default(), simulator.as_mut(), tasks, &Seed::root(1), &mut || {
+                Ok(())
+            })
+            .unwrap();
         assert_eq!(contexts.len(), 20);
         let d0 = contexts.into_iter().map(|context| context.start).collect();
         let prices = config.description().prices(task);

@@ -13,7 +13,7 @@ use super::environment::{Course, Environment, Episode, Outcome};
 use super::experience::{Experience, Minibatch};
 use super::learner::Learner;
 use super::policy::GaussianMlpTeacher;
-use crate::acting::draw_contexts;
+use crate::acting::{Teller, draw_contexts};
 use crate::fields::refuse_faults;
 use crate::kernels::clipped_surrogate::{SurrogateBatch, clipped_surrogate, typical_kl};
 use crate::kernels::gae::{Discount, StepEnd, Trajectory, gae, normalize, value_targets};
@@ -28,21 +28,21 @@ pub(super) fn train(
     lesson: &Lesson<'_>,
     monitor: &mut dyn Monitor,
 ) -> Result<Trained, TrainError> {
-    let mut training = Training::new(config, lesson)?;
+    let mut training = Training::new(config, lesson, monitor)?;
     let mut progress = match monitor.resume() {
         Some(bytes) => training.read(&bytes)?,
         None => Progress::new(config, &training.spec, &lesson.seed),
     };
-    training.take_up(&mut progress)?;
+    training.take_up(&mut progress, monitor)?;
     while progress.record.iteration < config.iterations() {
-        training.iterate(&mut progress)?;
+        training.iterate(&mut progress, monitor)?;
         monitor.progress(training.steps_done(&progress), config.simulator_steps())?;
         if training.checkpoint_is_due(&progress) {
             training.put_down(&mut progress);
             let bytes = progress.encode();
             monitor.checkpoint(&bytes)?;
             progress = training.read(&bytes)?;
-            training.take_up(&mut progress)?;
+            training.take_up(&mut progress, monitor)?;
         }
     }
     let policy = progress.snapshots.last().map(|last| last.policy.clone()).unwrap_or_default();
@@ -78,14 +78,20 @@ impl Ended {
 }
 
 impl<'a> Training<'a> {
-    fn new(config: &'a PpoConfig, lesson: &Lesson<'a>) -> Result<Self, TrainError> {
+    fn new(
+        config: &'a PpoConfig,
+        lesson: &Lesson<'a>,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Self, TrainError> {
         refuse_faults(|faults| config.validate(faults)).map_err(TrainError::Other)?;
         let mut simulator = lesson.simulator.build()?;
         let spec = simulator.spec().clone();
         let seed = lesson.seed.clone();
         let pool = if config.d0_share > 0.0 { config.d0_pool } else { 0 };
         let tasks = std::iter::repeat_n(lesson.task.clone(), pool as usize);
-        let d0 = draw_contexts(lesson.initial_states, simulator.as_mut(), tasks, &seed.child("d0"))?;
+        let mut word = || monitor.progress(0, config.simulator_steps());
+        let d0 =
+            draw_contexts(lesson.initial_states, simulator.as_mut(), tasks, &seed.child("d0"), &mut word)?;
         let environments = (0..config.environments)
             .map(|index| Ok(Environment::new(index, lesson.simulator.build()?)))
             .collect::<Result<_, TrainError>>()?;
@@ -111,10 +117,10 @@ impl<'a> Training<'a> {
     }
 
     /// One improvement of the policy, `θ_k → θ_{k+1}`.
-    fn iterate(&mut self, progress: &mut Progress) -> Result<(), TrainError> {
+    fn iterate(&mut self, progress: &mut Progress, monitor: &mut dyn Monitor) -> Result<(), TrainError> {
         let iteration = progress.record.iteration;
         let normalizer = progress.record.moments.normalizer();
-        let ended = self.collect(progress, &normalizer)?;
+        let ended = self.collect(progress, &normalizer, monitor)?;
         self.estimate_advantages(&progress.learner);
         let kl = self.improve(&mut progress.learner, iteration);
         let kl = kl.map_err(|reason| self.diverged(progress, reason))?;
@@ -127,7 +133,14 @@ impl<'a> Training<'a> {
     }
 
     /// Acts by `π_θk` and fills the experience with what came of it.
-    fn collect(&mut self, progress: &mut Progress, normalizer: &Normalizer) -> Result<Ended, TrainError> {
+    fn collect(
+        &mut self,
+        progress: &mut Progress,
+        normalizer: &Normalizer,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Ended, TrainError> {
+        let before = self.steps_done(progress);
+        let mut teller = Teller::new(monitor, self.config.simulator_steps());
         let Self { experience, environments, course, scratch, .. } = self;
         let Progress { learner: Learner { policy, log_std, critic, .. }, record, .. } = progress;
         let critic = NormalizedMlp::new(normalizer.clone(), critic.clone());
@@ -145,6 +158,7 @@ impl<'a> Training<'a> {
             let first = index * steps;
             let mut row = first;
             while row < first + steps {
+                teller.step(before + row as u64)?;
                 seen.copy_from_slice(environment.observation());
                 record.moments.update(&seen);
                 let observation = &mut experience.observations[row * inputs..][..inputs];
@@ -273,10 +287,12 @@ impl<'a> Training<'a> {
         progress.record.environments = self.environments.iter().map(Environment::put_down).collect();
     }
 
-    fn take_up(&mut self, progress: &mut Progress) -> Result<(), TrainError> {
+    fn take_up(&mut self, progress: &mut Progress, monitor: &mut dyn Monitor) -> Result<(), TrainError> {
+        let (done, total) = (self.steps_done(progress), self.config.simulator_steps());
         let record = &mut progress.record;
         for (index, (environment, rest)) in self.environments.iter_mut().zip(&record.environments).enumerate()
         {
+            monitor.progress(done, total)?;
             if !environment.take_up(rest, &self.course, &mut record.tally)? {
                 record.scaler.end_episode(index);
             }
@@ -340,127 +356,4 @@ fn descend(
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-
-    use elo_core::context::InitialStates;
-    use elo_core::fault::Faults;
-    use elo_core::simulator::*;
-    use elo_core::spec::{Capabilities, RewardTerm, Weight};
-    use elo_core::task::Task;
-    use serde::{Deserialize, Serialize};
-
-    use super::*;
-
-    /// Pays ½ a step in one half of the episodes and 1½ in the other, looks always the same, and says `end` of every
-    /// step.
-    #[derive(Clone, Debug, Serialize, Deserialize)]
-    struct Steady {
-        end: End,
-    }
-
-    #[typetag::serde(name = "test_steady")]
-    impl SimulatorConfig for Steady {
-        fn validate(&self, _: &mut Faults) {}
-        fn spec(&self) -> Result<SimulatorSpec, BuildError> {
-            Ok(self.build()?.spec().clone())
-        }
-        fn engine(&self) -> Engine {
-            Engine { name: "steady".to_owned(), version: "1".to_owned() }
-        }
-        fn build(&self) -> Result<Box<dyn Simulator>, BuildError> {
-            let spec = SimulatorSpec {
-                robot: "rock".to_owned(),
-                observation_size: 1,
-                action_low: vec![-1.0],
-                action_high: vec![1.0],
-                control_step: 1.0,
-                reward_terms: vec![RewardTerm { name: "rest".to_owned(), weight: Weight::Constant(1.0) }],
-                task_parameters: Vec::new(),
-                reward_floor: 0.0,
-                capabilities: Capabilities { settable_state: true },
-            };
-            Ok(Box::new(Rock { spec, end: self.end, pay: 0.0 }))
-        }
-    }
-
-    struct Rock {
-        spec: SimulatorSpec,
-        end: End,
-        pay: f64,
-    }
-
-    impl Simulator for Rock {
-        fn spec(&self) -> &SimulatorSpec {
-            &self.spec
-        }
-        fn reset(&mut self, _: &Task, start: &Start, seen: &mut [f32]) -> Result<(), SimulatorError> {
-            seen.fill(0.5);
-            self.pay = if matches!(start, Start::Seed(seed) if seed.is_multiple_of(2)) { 0.5 } else { 1.5 };
-            Ok(())
-        }
-        fn step(&mut self, _: &[f32], seen: &mut [f32], terms: &mut [f64]) -> Result<End, SimulatorError> {
-            seen.fill(0.5);
-            terms.fill(self.pay);
-            Ok(self.end)
-        }
-        fn state(&self) -> Result<State, SimulatorError> {
-            Ok(State::default())
-        }
-    }
-
-    /// What the critic thinks of the only observation, in unscaled rewards, after 15 000 steps with γ = 0.9; and the
-    /// factor by which rewards were scaled.
-    fn learned(end: End, max_episode_steps: u64) -> (f64, f64) {
-        let config = PpoConfig {
-            steps: 15_000,
-            rollout_steps: 300,
-            minibatch: 50,
-            gamma: 0.9,
-            learning_rate: 3e-3,
-            hidden: vec![8],
-            max_episode_steps,
-            d0_share: 0.0,
-            ..PpoConfig::default()
-        };
-        let (task, initial_states) = (Task::default(), InitialStates::default());
-        let lesson = Lesson {
-            simulator: &Steady { end },
-            task: &task,
-            initial_states: &initial_states,
-            seed: Seed::root(1),
-        };
-        let mut training = Training::new(&config, &lesson).unwrap();
-        let mut progress = Progress::new(&config, &training.spec, &lesson.seed);
-        training.take_up(&mut progress).unwrap();
-        for _ in 0..config.iterations() {
-            training.iterate(&mut progress).unwrap();
-        }
-        let mut value = [0.0];
-        let mut observation = [0.0];
-        progress.record.moments.normalizer().apply(&[0.5], &mut observation);
-        progress.learner.critic.forward_one(&observation, &mut Scratch::default(), &mut value);
-        let factor = progress.record.scaler.factor();
-        (f64::from(value[0]) / factor, factor)
-    }
-
-    #[test]
-    fn a_time_limit_is_not_death_to_the_critic() {
-        // Whoever is cut short after five steps would have earned 1 + γ + γ² + … = 10 from any of them on, in the mean
-        // over episodes. Were the cut taken for an end, it would be the mean of 1, 1.9, 2.71, 3.44, 4.10: 2.63.
-        let (cut, _) = learned(End::Running, 5);
-        assert!((cut - 10.0).abs() < 1.0, "{cut}");
-        let (cut_by_the_simulator, _) = learned(End::Truncated, 5);
-        assert!((cut_by_the_simulator - 10.0).abs() < 1.0, "{cut_by_the_simulator}");
-    }
-
-    #[test]
-    fn the_end_of_an_episode_is() {
-        // Nothing comes after the one step of each episode.
-        let (ended, factor) = learned(End::Terminated, 5);
-        assert!((ended - 1.0).abs() < 0.2, "{ended}");
-        // Nor does anything go before it in the returns that rewards are scaled by: ½ and 1½ deviate by ½. Discounted
-        // sums over many such steps would deviate by ½ / √(1 - γ²) = 1.15.
-        assert!((1.0 / factor - 0.5).abs() < 0.05, "{factor}");
-    }
-}
+mod tests;

@@ -93,6 +93,11 @@ def versions(modules: Iterable[str], *packages: str) -> str:
     return ", ".join(dict.fromkeys([*parts, *map(_hash, modules)]))
 
 
+def hashes(files: Mapping[str, str]) -> list[str]:
+    """What is in the files that code is given, by the names of their arguments."""
+    return [f"{name} {hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]}" for name, path in sorted(files.items())]
+
+
 def _hash(module: str) -> str:
     try:
         source = inspect.getsource(sys.modules[module])

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from elo._bridge import BadTarget, find, origins, versions
+from elo._bridge import BadTarget, find, hashes, origins, versions
 from elo.bodies import Array, Body, Joint, Reading, Robot
 
 
@@ -17,8 +17,9 @@ class Bridge:
         given = json.loads(config)
         robot = given["robot"]
         self._robot = Robot(**{**robot, "joints": [Joint(**joint) for joint in robot["joints"]]})
+        self._files: dict[str, str] = given.get("files", {})
         self._target, self._maker = given["target"], find(given["target"])
-        self._body: Body = self._maker(self._robot, **given["kwargs"])
+        self._body: Body = self._maker(self._robot, **self._files, **given["kwargs"])
         for name in ("set_dynamics", "restore", "advance", "read"):
             if not callable(getattr(self._body, name, None)):
                 raise BadTarget(f"`{given['target']}` gave {type(self._body).__name__}, which has no method `{name}`")
@@ -26,8 +27,13 @@ class Bridge:
         self.reading, self.torques = self._reading.all, np.zeros(len(self._robot.joints))
 
     def describe(self) -> str:
+        """What there is to know before a run: the versions."""
+        return self.versions()
+
+    def versions(self) -> str:
+        """What its motion depends on."""
         modules = origins(self._target, self._maker, self._body)
-        return versions([type(self._body).__module__, *modules], "mujoco")
+        return ", ".join([versions([type(self._body).__module__, *modules], "mujoco"), *hashes(self._files)])
 
     def set_dynamics(self, floor_friction: float, payload: float) -> None:
         self._body.set_dynamics(floor_friction, payload)

@@ -7,6 +7,7 @@ whether the numbers of its observations are finite: that is checked once, where 
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import importlib
 import json
@@ -20,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from elo._bridge import BadTarget, find, imported, origins, versions
+from elo._bridge import BadTarget, find, hashes, imported, origins, versions
 from elo._bridge.states import States, layers
 
 MAKES = ("id", "max_episode_steps", "disable_env_checker")
@@ -116,6 +117,8 @@ class Bridge:
     def __init__(self, config: str) -> None:
         self._config: dict[str, Any] = json.loads(config)
         self._parameters: list[dict[str, Any]] = self._config["task_parameters"]
+        # Left out where there are none.
+        self._files: dict[str, str] = self._config.get("files", {})
         self._values = [float(p["default"]) for p in self._parameters]
         self._options: dict[str, float] = {}
         self._adopt(self._make(self._values))
@@ -162,7 +165,8 @@ class Bridge:
         target = self._config["target"]
         maker = [] if _is_gymnasium_id(target) else [find(target)]
         modules = origins(target, *maker, *layers(self._env))
-        return versions([type(self._env.unwrapped).__module__, *modules], "gymnasium")
+        found = versions([type(self._env.unwrapped).__module__, *modules], "gymnasium")
+        return ", ".join([found, *hashes(self._files)])
 
     def _control_step(self) -> float:
         declared = self._config.get("control_step")
@@ -174,7 +178,7 @@ class Bridge:
     # Making it.
 
     def _make(self, values: Sequence[float]) -> Any:
-        target, kwargs = self._config["target"], dict(self._config["kwargs"])
+        target, kwargs = self._config["target"], {**self._files, **self._config["kwargs"]}
         for parameter, value in zip(self._parameters, values, strict=True):
             if parameter["binding"] == "constructor":
                 kwargs[parameter["name"]] = value
@@ -201,7 +205,9 @@ class Bridge:
             close = self._closing
             self._adopt(self._make(changed))
             self._values = changed
-            close()
+            # As where Rust closes one: its errors are nobody's.
+            with contextlib.suppress(Exception):
+                close()
         self._values = changed
         self._set_attributes()
         bound = zip(self._parameters, changed, strict=True)

@@ -21,9 +21,13 @@ class Bridge:
         self._target = find(self._config["target"])
 
     def describe(self) -> str:
-        """What the scores depend on. Tries the function on returns of three options in twenty contexts first, so that one that
-        cannot be called stops nothing later."""
+        """The versions. Tries the function on returns of three options in twenty contexts first, so that one that cannot be called
+        stops nothing later."""
         self.scores(np.random.default_rng(0).random((3, 20)), 0.5, 0.3)
+        return self.versions()
+
+    def versions(self) -> str:
+        """What the scores depend on."""
         return versions(origins(self._config["target"], self._target))
 
     def scores(self, returns: Array, mean: float, standard_deviation: float) -> Array:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from elo._bridge import BadTarget, find, origins, versions
+from elo._bridge import BadTarget, find, hashes, origins, versions
 
 Array = npt.NDArray[np.float32]
 
@@ -24,10 +22,12 @@ class Bridge:
         self._target = find(self._config["target"])
 
     def describe(self) -> str:
+        """What there is to know before a run: the versions."""
+        return self.versions()
+
+    def versions(self) -> str:
         """What the policies depend on."""
-        files = {name: Path(path).read_bytes() for name, path in sorted(self._config["files"].items())}
-        hashes = [f"{name} {hashlib.sha256(data).hexdigest()[:16]}" for name, data in files.items()]
-        return ", ".join([versions(origins(self._config["target"], self._target)), *hashes])
+        return ", ".join([versions(origins(self._config["target"], self._target)), *hashes(self._config["files"])])
 
     def policy(self, call: str, observation_size: int, action_size: int) -> Callable[[Array, int | None], Array]:
         """The policy for a task, tried once on an observation of zeros."""
