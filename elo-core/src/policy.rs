@@ -198,8 +198,8 @@ pub struct CurvePoint {
     pub mean_length: Option<f64>,
 }
 
-/// How a long computation talks to whoever runs it.
-pub trait Monitor {
+/// How a long computation talks to whoever runs it, from any one of its threads at a time.
+pub trait Monitor: Send {
     /// The newest checkpoint of this computation, if it was interrupted.
     fn resume(&mut self) -> Option<Vec<u8>>;
 

@@ -41,7 +41,7 @@ const MESSAGE: usize = 64 << 10;
 /// A broken pipe, or a parent that is of another version or does not keep to the protocol.
 pub fn serve(
     input: impl Read + Send + 'static,
-    output: impl Write,
+    output: impl Write + Send,
     identity: &Identity<'_>,
     handler: &mut Handler<'_>,
 ) -> io::Result<()> {
@@ -62,7 +62,7 @@ fn end_at_once() {
 /// [`serve`], with what happens when the parent is gone in the middle of a job.
 fn serve_until(
     mut input: impl Read + Send + 'static,
-    mut output: impl Write,
+    mut output: impl Write + Send,
     identity: &Identity<'_>,
     handler: &mut Handler<'_>,
     orphaned: impl FnOnce() + Send + 'static,
@@ -140,7 +140,7 @@ fn forward(mut input: impl Read, jobs: &SyncSender<Result<Job, String>>, unanswe
 }
 
 /// Does a job; the frame that answers it.
-fn work(job: &Job, output: &mut dyn Write, handler: &mut Handler<'_>) -> io::Result<Vec<u8>> {
+fn work(job: &Job, output: &mut (dyn Write + Send), handler: &mut Handler<'_>) -> io::Result<Vec<u8>> {
     let mut link = Link { output, job, reported: None, problem: None };
     let result = handler(&job.job, &job.inputs, &mut link);
     let id = job.id;
@@ -171,7 +171,7 @@ fn invalid_data(problem: impl ToString) -> io::Error {
 
 /// The monitor of a job: passes everything on to the parent.
 struct Link<'a> {
-    output: &'a mut dyn Write,
+    output: &'a mut (dyn Write + Send),
     job: &'a Job,
     /// When progress was last reported.
     reported: Option<Instant>,

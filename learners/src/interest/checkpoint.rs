@@ -146,8 +146,8 @@ mod tests {
     fn bytes_of_something_else_are_refused() {
         with_practice(|practice| {
             let config = config();
-            let mut training = Training::new(&config, practice, 1).unwrap();
-            training.iterate().unwrap();
+            let mut training = Training::new(&config, practice, &mut Unwatched).unwrap();
+            training.iterate(&mut Unwatched).unwrap();
             let bytes = training.checkpoint();
             training.restore(&bytes).unwrap();
             assert_eq!(training.checkpoint(), bytes);
@@ -159,7 +159,7 @@ mod tests {
                 Practice { set_size: 3, ..practice.clone() },
             );
             for (config, practice) in [(&wider, practice), (&config, &larger)] {
-                let error = Training::new(config, practice, 1).unwrap().restore(&bytes).unwrap_err();
+                let error = Training::new(config, practice, &mut Unwatched).unwrap().restore(&bytes).unwrap_err();
                 assert!(error.to_string().starts_with("the checkpoint cannot be read: "), "{error}");
             }
         });

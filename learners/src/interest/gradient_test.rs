@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use elo_core::context::InitialStates;
+use elo_core::policy::Unwatched;
 use elo_core::task::{Range, TaskDistribution};
 
 use super::advantages::Advantages;
@@ -183,10 +184,10 @@ fn check(
     let estimates: Vec<Vec<f64>> = (0..40)
         .map(|seed| {
             let practice = practice(&world, &tasks, &initial_states, steps, seed);
-            let mut training = Training::new(config, &practice, 1).unwrap();
+            let mut training = Training::new(config, &practice, &mut Unwatched).unwrap();
             // The critic, which no gradient of theirs should depend on, is another one each time.
             prepare(&mut training.learner);
-            let experience = training.collect().unwrap();
+            let experience = training.collect(&mut Unwatched).unwrap();
             let point = flat(&training.learner);
             if expected.is_empty() {
                 expected = reference::differences(&point, &(0..point.len()).collect::<Vec<_>>(), &objective);
@@ -247,8 +248,8 @@ fn the_gradient_of_the_critic_is_that_of_its_loss() {
     let tasks = TaskDistribution::new([("pay", Range { low: 0.5, high: 1.5 })]);
     let initial_states = InitialStates { max_random_steps: 0, ..InitialStates::default() };
     let practice = practice(&World::Hot, &tasks, &initial_states, 10, 1);
-    let mut training = Training::new(&config, &practice, 1).unwrap();
-    let experience = training.collect().unwrap();
+    let mut training = Training::new(&config, &practice, &mut Unwatched).unwrap();
+    let experience = training.collect(&mut Unwatched).unwrap();
     let estimates = training.estimate(&experience, None);
     let signals = Signals::new(&experience, &estimates);
     let rows: Vec<usize> = (0..experience.steps.len()).filter(|row| row % 3 != 1).collect();
@@ -281,7 +282,7 @@ fn the_price_of_poor_returns_has_the_exact_gradient_as_its_mean() {
         let tasks = TaskDistribution::default();
         let initial_states = InitialStates::default();
         let practice = practice(&World::Hot, &tasks, &initial_states, 3, 0);
-        let mut learner = Training::new(&config, &practice, 1).unwrap().learner;
+        let mut learner = Training::new(&config, &practice, &mut Unwatched).unwrap().learner;
         prepare(&mut learner);
         flat(&learner)
     };

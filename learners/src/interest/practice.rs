@@ -266,7 +266,7 @@ mod tests {
 
     use elo_core::conformance::point_mass::PointMassConfig;
     use elo_core::context::InitialStates;
-    use elo_core::policy::Practice;
+    use elo_core::policy::{Practice, Unwatched};
     use elo_core::simulator::SimulatorConfig;
     use elo_core::task::TaskDistribution;
 
@@ -288,7 +288,7 @@ mod tests {
             (TaskDistribution::default(), InitialStates { max_random_steps: 0, ..InitialStates::default() });
         let practice = practice(simulator, &tasks, &initial_states, 5, 1);
         let practice = Practice { horizon: Horizon { stop_at_fall, ..practice.horizon }, ..practice };
-        let experience = Training::new(&config, &practice, 1).unwrap().collect().unwrap();
+        let experience = Training::new(&config, &practice, &mut Unwatched).unwrap().collect(&mut Unwatched).unwrap();
         let lengths = experience.steps.split_inclusive(|step| step.last).map(<[Taken]>::len);
         lengths.zip(experience.ends.iter().cloned()).collect()
     }

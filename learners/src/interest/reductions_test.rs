@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use elo_core::context::InitialStates;
-use elo_core::policy::Practice;
+use elo_core::policy::{Practice, Unwatched};
 use elo_core::task::TaskDistribution;
 
 use super::batch::Batch;
@@ -32,8 +32,8 @@ fn collected<T>(set_size: usize, look: impl FnOnce(&mut Training<'_>, &Experienc
     let (config, tasks) = (config(), TaskDistribution::default());
     let initial_states = InitialStates { max_random_steps: 0, ..InitialStates::default() };
     let practice = Practice { set_size, ..practice(&World::Hot, &tasks, &initial_states, 40, 1) };
-    let mut training = Training::new(&config, &practice, 1).unwrap();
-    let experience = training.collect().unwrap();
+    let mut training = Training::new(&config, &practice, &mut Unwatched).unwrap();
+    let experience = training.collect(&mut Unwatched).unwrap();
     look(&mut training, &experience)
 }
 

@@ -4,7 +4,9 @@
 
 use elo_core::agent::{Agent as _, InfantAgent};
 use elo_core::context::InitialStates;
-use elo_core::policy::{Demonstration, OptionPolicy, PolicyRecord, Practice, Unwatched};
+use elo_core::policy::{
+    Demonstration, Monitor, OptionPolicy, PolicyRecord, Practice, Stopped, Unwatched,
+};
 use elo_core::seed::{Seed, Stream};
 use elo_core::simulator::{SimulatorConfig as _, Start};
 use elo_core::task::{Range, Task, TaskDistribution};
@@ -64,10 +66,10 @@ fn trained_for(
 ) -> Learned {
     let (tasks, initial_states) = (pays(), at_once());
     let practice = practice(&world, &tasks, &initial_states, steps, seed);
-    let mut training = Training::new(config, &practice, 1).unwrap();
+    let mut training = Training::new(config, &practice, &mut Unwatched).unwrap();
     prepare(&mut training.learner);
     while training.goes_on() {
-        training.iterate().unwrap();
+        training.iterate(&mut Unwatched).unwrap();
     }
     training.finish()
 }
@@ -203,7 +205,7 @@ fn options_last_as_long_as_their_termination_says() {
     };
     let (tasks, initial_states) = (pays(), at_once());
     let practice = practice(&World::Steady, &tasks, &initial_states, 40_000, 1);
-    let steps = Training::new(&config, &practice, 1).unwrap().collect().unwrap().steps;
+    let steps = Training::new(&config, &practice, &mut Unwatched).unwrap().collect(&mut Unwatched).unwrap().steps;
     // Options in practice, the last of which may not have ended: geometric with mean 1/ε = 5 and deviation √(1 − ε)/ε = 4.5.
     let lengths: Vec<usize> = {
         let begins: Vec<usize> = (0..steps.len()).filter(|&row| steps[row].drawn).collect();
@@ -335,6 +337,24 @@ fn options_begin_as_clones_of_recordings() {
     assert!(forward.abs() < 0.1 && back.abs() < 0.1, "{forward} {back}");
 }
 
+/// Allows so many threads.
+struct Threads(usize);
+
+impl Monitor for Threads {
+    fn resume(&mut self) -> Option<Vec<u8>> {
+        None
+    }
+    fn checkpoint(&mut self, _: &[u8]) -> Result<(), Stopped> {
+        Ok(())
+    }
+    fn progress(&mut self, _: u64, _: u64) -> Result<(), Stopped> {
+        Ok(())
+    }
+    fn threads(&self) -> usize {
+        self.0
+    }
+}
+
 #[test]
 fn any_number_of_threads_learns_the_same_set() {
     // Rollouts of 64 steps, so that the last one is cut short and others are begun in vain.
@@ -342,9 +362,9 @@ fn any_number_of_threads_learns_the_same_set() {
     let (world, tasks, initial_states) = (World::Hot, pays(), at_once());
     let practice = practice(&world, &tasks, &initial_states, STEPS, 1);
     let learn = |threads| {
-        let mut training = Training::new(&config, &practice, threads).unwrap();
+        let mut training = Training::new(&config, &practice, &mut Threads(threads)).unwrap();
         while training.goes_on() {
-            training.iterate().unwrap();
+            training.iterate(&mut Unwatched).unwrap();
         }
         training.finish()
     };

@@ -64,14 +64,14 @@ pub fn train(
     practice: &Practice<'_>,
     monitor: &mut dyn Monitor,
 ) -> Result<Learned, TrainError> {
-    let mut training = Training::new(config, practice, monitor.threads())?;
+    let mut training = Training::new(config, practice, monitor)?;
     match monitor.resume() {
         Some(bytes) => training.restore(&bytes)?,
         None => training.imitate()?,
     }
     while training.goes_on() {
         let before = training.record.tally.steps;
-        training.iterate()?;
+        training.iterate(monitor)?;
         let done = training.record.tally.steps;
         monitor.progress(done, config.steps)?;
         let is_due = done / config.checkpoint_every > before / config.checkpoint_every;
@@ -123,10 +123,10 @@ impl<'a> Training<'a> {
     pub fn new(
         config: &'a InterestConfig,
         practice: &'a Practice<'a>,
-        threads: usize,
+        monitor: &mut dyn Monitor,
     ) -> Result<Self, TrainError> {
         refuse_faults(|faults| config.validate(faults)).map_err(TrainError::Other)?;
-        let simulators = (0..threads.max(1)).map(|_| practice.simulator.build());
+        let simulators = (0..monitor.threads().max(1)).map(|_| practice.simulator.build());
         let mut simulators = simulators.collect::<Result<Vec<_>, _>>()?;
         let spec = simulators[0].spec().clone();
         let seed = practice.seed.child("contexts");
@@ -137,7 +137,7 @@ impl<'a> Training<'a> {
             simulators[0].as_mut(),
             tasks,
             &seed.child("start"),
-            &mut || Ok(()),
+            &mut || monitor.progress(0, config.steps),
         )?;
         let with_features = |context: Context| {
             let features = task_features(&context.task, practice, &spec);
@@ -174,8 +174,8 @@ impl<'a> Training<'a> {
     }
 
     /// One improvement, `θ_k → θ_{k+1}`.
-    pub fn iterate(&mut self) -> Result<(), TrainError> {
-        let mut experience = self.collect()?;
+    pub fn iterate(&mut self, monitor: &mut dyn Monitor) -> Result<(), TrainError> {
+        let mut experience = self.collect(monitor)?;
         self.log(&experience);
         let poor = risk::poor(&experience, self.config.risk, self.practice.horizon.discount);
         self.scale_rewards(&mut experience);
@@ -188,11 +188,12 @@ impl<'a> Training<'a> {
         Ok(())
     }
 
-    /// Rolls out the infant agent in contexts of the pool.
-    pub fn collect(&mut self) -> Result<Experience, TrainError> {
+    /// Rolls out the infant agent in contexts of the pool. The monitor hears of each rollout.
+    pub fn collect(&mut self, monitor: &mut dyn Monitor) -> Result<Experience, TrainError> {
         let Self { config, practice, simulators, contexts, scale, learner, record } = self;
         let seed = practice.seed.child("rollouts").index(record.iteration);
-        let left = config.steps - record.tally.steps;
+        let before = record.tally.steps;
+        let left = config.steps - before;
         // What is left, divided evenly.
         let wanted = left.div_ceil(left.div_ceil(config.rollout_steps));
         if scale.is_none() {
@@ -228,11 +229,12 @@ impl<'a> Training<'a> {
             }
             moments.merge(&seen);
             experience.append(more);
-            done.store(experience.steps.len() as u64, Ordering::Relaxed);
-            if experience.steps.len() as u64 >= wanted {
-                ControlFlow::Break(Ok(()))
-            } else {
-                ControlFlow::Continue(())
+            let taken = experience.steps.len() as u64;
+            done.store(taken, Ordering::Relaxed);
+            match monitor.progress(before + taken, config.steps) {
+                Err(stopped) => ControlFlow::Break(Err(stopped.into())),
+                Ok(()) if taken >= wanted => ControlFlow::Break(Ok(())),
+                Ok(()) => ControlFlow::Continue(()),
             }
         })?;
         tally.steps += experience.steps.len() as u64;
@@ -412,6 +414,7 @@ impl<'a> Signals<'a> {
 #[cfg(test)]
 mod tests {
     use elo_core::context::InitialStates;
+    use elo_core::policy::Unwatched;
     use elo_core::simulator::SimulatorConfig as _;
     use elo_core::task::TaskDistribution;
 
@@ -460,9 +463,9 @@ mod tests {
         let tasks = TaskDistribution::new([("pay", Range { low: 1.0, high: 1.0 })]);
         let initial_states = InitialStates { max_random_steps: 0, ..InitialStates::default() };
         let practice = practice(&world, &tasks, &initial_states, steps, 1);
-        let mut training = Training::new(&config, &practice, 1).expect("a valid training");
+        let mut training = Training::new(&config, &practice, &mut Unwatched).expect("a valid training");
         while training.goes_on() {
-            training.iterate().expect("a training that ends");
+            training.iterate(&mut Unwatched).expect("a training that ends");
         }
         let values = training.learner.critic.forward(&[0.0; 3]).to_vec();
         values.iter().map(|q| f64::from(*q)).sum::<f64>() / 2.0 / training.record.scaler.factor()
