@@ -336,7 +336,8 @@ mod tests {
     #[test]
     fn numbers_that_no_set_can_have_are_refused_with_their_place() {
         let folder = tempfile::tempdir().unwrap();
-        let changes: [(fn(&mut Manifest), &str); 8] = [
+        type Change = fn(&mut Manifest);
+        let changes: [(Change, &str); 8] = [
             (
                 |m| m.spec.action_low[0] = 2.0,
                 "`spec.action_low[0]`: expected at most `spec.action_high[0]`, 1, got 2",
