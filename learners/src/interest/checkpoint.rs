@@ -159,7 +159,8 @@ mod tests {
                 Practice { set_size: 3, ..practice.clone() },
             );
             for (config, practice) in [(&wider, practice), (&config, &larger)] {
-                let error = Training::new(config, practice, &mut Unwatched).unwrap().restore(&bytes).unwrap_err();
+                let error =
+                    Training::new(config, practice, &mut Unwatched).unwrap().restore(&bytes).unwrap_err();
                 assert!(error.to_string().starts_with("the checkpoint cannot be read: "), "{error}");
             }
         });

@@ -288,7 +288,8 @@ mod tests {
             (TaskDistribution::default(), InitialStates { max_random_steps: 0, ..InitialStates::default() });
         let practice = practice(simulator, &tasks, &initial_states, 5, 1);
         let practice = Practice { horizon: Horizon { stop_at_fall, ..practice.horizon }, ..practice };
-        let experience = Training::new(&config, &practice, &mut Unwatched).unwrap().collect(&mut Unwatched).unwrap();
+        let experience =
+            Training::new(&config, &practice, &mut Unwatched).unwrap().collect(&mut Unwatched).unwrap();
         let lengths = experience.steps.split_inclusive(|step| step.last).map(<[Taken]>::len);
         lengths.zip(experience.ends.iter().cloned()).collect()
     }

@@ -4,9 +4,7 @@
 
 use elo_core::agent::{Agent as _, InfantAgent};
 use elo_core::context::InitialStates;
-use elo_core::policy::{
-    Demonstration, Monitor, OptionPolicy, PolicyRecord, Practice, Stopped, Unwatched,
-};
+use elo_core::policy::{Demonstration, Monitor, OptionPolicy, PolicyRecord, Practice, Stopped, Unwatched};
 use elo_core::seed::{Seed, Stream};
 use elo_core::simulator::{SimulatorConfig as _, Start};
 use elo_core::task::{Range, Task, TaskDistribution};
@@ -205,7 +203,8 @@ fn options_last_as_long_as_their_termination_says() {
     };
     let (tasks, initial_states) = (pays(), at_once());
     let practice = practice(&World::Steady, &tasks, &initial_states, 40_000, 1);
-    let steps = Training::new(&config, &practice, &mut Unwatched).unwrap().collect(&mut Unwatched).unwrap().steps;
+    let steps =
+        Training::new(&config, &practice, &mut Unwatched).unwrap().collect(&mut Unwatched).unwrap().steps;
     // Options in practice, the last of which may not have ended: geometric with mean 1/ε = 5 and deviation √(1 − ε)/ε = 4.5.
     let lengths: Vec<usize> = {
         let begins: Vec<usize> = (0..steps.len()).filter(|&row| steps[row].drawn).collect();
