@@ -11,7 +11,7 @@ use crate::metric::Reference;
 use crate::option_set::OptionSet;
 use crate::performer::Performer;
 use crate::returns::Scale;
-use crate::rollout::Rollout;
+use crate::rollout::{Horizon, Rollout};
 use crate::simulator::Engine;
 use crate::statistics::StatisticsError;
 use crate::statistics::bootstrap::{Interval, paired_difference};
@@ -51,6 +51,15 @@ pub struct SetPair {
     pub falls: Interval,
 }
 
+/// Why returns by this horizon and those that the sets were selected by are not comparable, if they are not.
+pub fn incomparable<'a>(horizon: &Horizon, sets: impl IntoIterator<Item = &'a OptionSet>) -> Option<String> {
+    let other = sets.into_iter().find(|set| set.manifest.horizon != *horizon)?;
+    Some(format!(
+        "returns by {horizon} and by {} (of `[discover]`) are not comparable",
+        other.manifest.horizon
+    ))
+}
+
 /// Measures the sets of two runs in the held-out contexts of the first, whose run is `run`.
 ///
 /// Costs (candidates of all sets) · contexts · T control steps.
@@ -59,11 +68,8 @@ pub struct SetPair {
 /// See [`RunError`]; also sets of another horizon.
 pub fn compare(run: &Run<'_>, first: &[OptionSet], second: &[OptionSet]) -> Result<RunComparison, RunError> {
     let horizon = run.experiment.discover.horizon();
-    if let Some(other) = first.iter().chain(second).find(|set| set.manifest.horizon != horizon) {
-        return Err(RunError::Config(format!(
-            "returns by {horizon} and by {} (of `[discover]`) are not comparable",
-            other.manifest.horizon
-        )));
+    if let Some(why) = incomparable(&horizon, first.iter().chain(second)) {
+        return Err(RunError::Config(why));
     }
     let contexts = run.held_out_contexts(run.experiment.report.contexts)?;
     let (first, second) = (members(run, first, &contexts)?, members(run, second, &contexts)?);

@@ -139,7 +139,11 @@ fn stopped_at_every_checkpoint_a_training_gives_the_same_bytes() {
         // 2000 steps with a checkpoint each 400, but none at the end.
         assert_eq!(stops, 4, "{simulator:?}");
         assert_eq!(resumed, straight, "{simulator:?}");
-        assert_eq!(monitor.reports, (1..=10).map(|done| (200 * done, 2000)).collect::<Vec<_>>());
+        // Where iterations end, and what is repeated while something else is done; nothing is ever taken back.
+        assert!(monitor.reports.is_sorted(), "{simulator:?}: {:?}", monitor.reports);
+        monitor.reports.retain(|(done, _)| done % 200 == 0);
+        monitor.reports.dedup();
+        assert_eq!(monitor.reports, (0..=10).map(|done| (200 * done, 2000)).collect::<Vec<_>>());
     }
 }
 

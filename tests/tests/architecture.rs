@@ -37,7 +37,7 @@ fn blocks(markdown: &str, language: &str) -> Vec<String> {
     inside.filter(|(mark, _)| *mark == language).map(|(_, code)| code.to_owned()).collect()
 }
 
-/// Code spans that look like paths, from the repository's root, and targets of links inside it, from `folder`, in which the text lies.
+/// Code spans that look like paths, from the repository's root (not from that of the machine), and targets of links inside it, from `folder`, in which the text lies.
 fn paths(markdown: &str, folder: &str) -> Vec<String> {
     let prose = prose(markdown);
     let looks_like_one = |span: &&str| {
@@ -47,7 +47,7 @@ fn paths(markdown: &str, folder: &str) -> Vec<String> {
         (span.contains('/') || named)
             && span.is_ascii()
             && !span.contains(char::is_whitespace)
-            && !span.starts_with('-')
+            && !span.starts_with(['-', '/'])
     };
     let spans = prose.split('`').skip(1).step_by(2).filter(looks_like_one);
     let links = prose.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target);
@@ -74,7 +74,7 @@ fn every_path_that_the_texts_name_exists() {
 
 #[test]
 fn dead_paths_are_seen_and_other_spans_are_not_taken_for_paths() {
-    let text = "# Map\n`elo-core/src/lib.rs` and `elo-core/src/phase3.rs`, `a / b`, `1/ε`, `--out`, `runs/x`, `simulator.kind=mujoco`\n\
+    let text = "# Map\n`elo-core/src/lib.rs` and `elo-core/src/phase3.rs`, `a / b`, `1/ε`, `/usr/bin/nothing`, `--out`, `runs/x`, `simulator.kind=mujoco`\n\
                 ```text\n`not/looked/at`\n```\nsee [there](docs/nothing.md), [here](README.md), [far](https://a.b/c)\n\
                 ```\nnor/this\n```\nand `Missing.toml`\n";
     assert_eq!(dead(text, ""), ["elo-core/src/phase3.rs", "Missing.toml", "docs/nothing.md"]);

@@ -29,7 +29,7 @@ fn place() -> &'static Path {
             fs::write(at("binary.toml"), b"seed = \xff\xfe").unwrap();
             fs::write(at("file"), "").unwrap();
             for (name, from, to) in [
-                ("later", "\"format\": 1", "\"format\": 2"),
+                ("later", "\"format\": 2", "\"format\": 3"),
                 ("walker", "\"robot\": \"point-mass\"", "\"robot\": \"walker2d\""),
                 ("text", "{", "no JSON"),
             ] {

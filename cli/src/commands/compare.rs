@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use elo_core::compare::compare;
+use elo_core::compare::{compare, incomparable};
 use elo_core::discover::Run;
 use elo_core::option_set::OptionSet;
 use elo_core::plugin::Plugin;
@@ -25,6 +25,9 @@ pub fn run(arguments: &Compare, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let spec = experiment.simulator.spec().map_err(|error| Exit::BadInput(error.to_string()))?;
     let first = sets(&arguments.first, &spec, &staff.formats)?;
     let second = sets(&arguments.second, &spec, &staff.formats)?;
+    if let Some(why) = incomparable(&experiment.discover.horizon(), first.iter().chain(&second)) {
+        return Err(Exit::BadInput(format!("{}: {why}", arguments.second.display())));
+    }
     ready_to_run(&experiment)?;
     let found = with_crew(&arguments.first, &experiment, staff, |crew| {
         Ok(compare(&Run::new(&experiment, crew)?, &first, &second)?)

@@ -28,11 +28,12 @@ pub(super) fn train(
     lesson: &Lesson<'_>,
     monitor: &mut dyn Monitor,
 ) -> Result<Trained, TrainError> {
-    let mut training = Training::new(config, lesson, monitor)?;
+    let mut training = Training::new(config, lesson)?;
     let mut progress = match monitor.resume() {
         Some(bytes) => training.read(&bytes)?,
         None => Progress::new(config, &training.spec, &lesson.seed),
     };
+    training.draw_starts(lesson, &progress, monitor)?;
     training.take_up(&mut progress, monitor)?;
     while progress.record.iteration < config.iterations() {
         training.iterate(&mut progress, monitor)?;
@@ -78,27 +79,18 @@ impl Ended {
 }
 
 impl<'a> Training<'a> {
-    fn new(
-        config: &'a PpoConfig,
-        lesson: &Lesson<'a>,
-        monitor: &mut dyn Monitor,
-    ) -> Result<Self, TrainError> {
+    /// Before its starts are drawn.
+    fn new(config: &'a PpoConfig, lesson: &Lesson<'a>) -> Result<Self, TrainError> {
         refuse_faults(|faults| config.validate(faults)).map_err(TrainError::Other)?;
-        let mut simulator = lesson.simulator.build()?;
-        let spec = simulator.spec().clone();
+        let spec = lesson.simulator.build()?.spec().clone();
         let seed = lesson.seed.clone();
-        let pool = if config.d0_share > 0.0 { config.d0_pool } else { 0 };
-        let tasks = std::iter::repeat_n(lesson.task.clone(), pool as usize);
-        let mut word = || monitor.progress(0, config.simulator_steps());
-        let d0 =
-            draw_contexts(lesson.initial_states, simulator.as_mut(), tasks, &seed.child("d0"), &mut word)?;
         let environments = (0..config.environments)
             .map(|index| Ok(Environment::new(index, lesson.simulator.build()?)))
             .collect::<Result<_, TrainError>>()?;
         let course = Course {
             task: lesson.task,
             prices: spec.prices(lesson.task),
-            d0: d0.into_iter().map(|context| context.start).collect(),
+            d0: Vec::new(),
             d0_share: config.d0_share,
             max_episode_steps: config.max_episode_steps,
             seed: seed.child("episodes"),
@@ -114,6 +106,23 @@ impl<'a> Training<'a> {
             course,
             environments,
         })
+    }
+
+    /// Draws the starts from `d0` that episodes choose from.
+    fn draw_starts(
+        &mut self,
+        lesson: &Lesson<'_>,
+        progress: &Progress,
+        monitor: &mut dyn Monitor,
+    ) -> Result<(), TrainError> {
+        let mut simulator = lesson.simulator.build()?;
+        let tasks = std::iter::repeat_n(lesson.task.clone(), self.config.starts() as usize);
+        let (done, total) = (self.steps_done(progress), self.config.simulator_steps());
+        let mut word = || monitor.progress(done, total);
+        let seed = self.seed.child("d0");
+        let d0 = draw_contexts(lesson.initial_states, simulator.as_mut(), tasks, &seed, &mut word)?;
+        self.course.d0 = d0.into_iter().map(|context| context.start).collect();
+        Ok(())
     }
 
     /// One improvement of the policy, `θ_k → θ_{k+1}`.

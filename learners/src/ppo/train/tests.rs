@@ -113,7 +113,7 @@ fn learned(end: End, max_episode_steps: u64) -> (f64, f64) {
         initial_states: &initial_states,
         seed: Seed::root(1),
     };
-    let mut training = Training::new(&config, &lesson, &mut Unwatched).unwrap();
+    let mut training = Training::new(&config, &lesson).unwrap();
     let mut progress = Progress::new(&config, &training.spec, &lesson.seed);
     training.take_up(&mut progress, &mut Unwatched).unwrap();
     for _ in 0..config.iterations() {
