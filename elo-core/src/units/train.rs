@@ -7,7 +7,7 @@ use super::codec::{self, Malformed};
 use super::{Work, WorkError};
 use crate::agent::{Agent, RandomTorque, Taught};
 use crate::context::{Context, InitialStates, PreparedStart};
-use crate::policy::{CurvePoint, Lesson, Monitor, Snapshot, TeacherConfig, TrainError, Trained};
+use crate::policy::{CurvePoint, Lesson, Monitor, Snapshot, Stopped, TeacherConfig, TrainError, Trained};
 use crate::rollout::{Ending, Horizon, price, rollout};
 use crate::seed::Seed;
 use crate::simulator::SimulatorConfig;
@@ -61,8 +61,9 @@ impl Train {
         Ok(TeacherResult { trained: outcome.trained, diverged: outcome.diverged }.encode())
     }
 
-    /// Refuses a teacher that is worse than random torque from the same starts, beyond what chance explains. A rollout in
-    /// which the simulator fails counts as the worst possible. The monitor hears of each rollout; to it the training is over.
+    /// Refuses a teacher that is worse than random torque from the same starts, beyond what chance explains, and one that breaks the
+    /// simulator in every rollout. A start from which a rollout of either fails says nothing else. The monitor hears of each
+    /// rollout; to it the training is over.
     fn trial(&self, trained: &Trained, seed: &Seed, monitor: &mut dyn Monitor) -> Result<(), TrainError> {
         let mut simulator = self.simulator.build()?;
         let spec = simulator.spec().clone();
@@ -72,33 +73,43 @@ impl Train {
             .map_err(|error| TrainError::Other(error.to_string()))?;
         let (prices, steps) = (spec.prices(&self.task), self.teacher.simulator_steps());
         let horizon = Horizon { steps: TRIAL_STEPS, discount: 1.0, stop_at_fall: true };
-        let floor = spec.reward_floor * TRIAL_STEPS as f64;
-        let differences: Vec<f64> = (0..TRIAL_EPISODES)
-            .map(|episode| -> Result<f64, TrainError> {
-                let seed = seed.child("trial").index(episode);
-                let start = PreparedStart::standard(seed.number());
-                let context = Context { task: self.task.clone(), start };
-                let mut value = |agent: &mut dyn Agent| -> Result<f64, TrainError> {
-                    monitor.progress(steps, steps)?;
-                    let result = rollout(simulator.as_mut(), agent, &context, &horizon, &mut seed.stream());
-                    Ok(match result.ending {
-                        // What was summed until then says nothing.
-                        Ending::Failed(_) => floor,
-                        _ => price(&result.term_sums, &prices),
-                    })
-                };
-                let taught = value(&mut Taught { policy: policy.as_ref(), sampling: false })?;
-                Ok(taught - value(&mut RandomTorque::new(&spec))?)
-            })
-            .collect::<Result<_, _>>()?;
+        let diverged = |reason: String| {
+            let steps = trained.curve.last().map_or(0, |point| point.steps);
+            Err(TrainError::Diverged { steps, reason })
+        };
+        let (mut differences, mut failures) = (Vec::new(), Vec::new());
+        for episode in 0..TRIAL_EPISODES {
+            let seed = seed.child("trial").index(episode);
+            let start = PreparedStart::standard(seed.number());
+            let context = Context { task: self.task.clone(), start };
+            let mut value = |agent: &mut dyn Agent| -> Result<Result<f64, String>, Stopped> {
+                monitor.progress(steps, steps)?;
+                let result = rollout(simulator.as_mut(), agent, &context, &horizon, &mut seed.stream());
+                Ok(match result.ending {
+                    Ending::Failed(why) => Err(why),
+                    _ => Ok(price(&result.term_sums, &prices)),
+                })
+            };
+            let taught = value(&mut Taught { policy: policy.as_ref(), sampling: false })?;
+            let random = value(&mut RandomTorque::new(&spec))?;
+            match (taught, random) {
+                (Ok(taught), Ok(random)) => differences.push(taught - random),
+                (Err(why), _) => failures.push(why),
+                (_, Err(_)) => {}
+            }
+        }
+        if failures.len() as u64 == TRIAL_EPISODES {
+            return diverged(format!("each of its first {TRIAL_EPISODES} rollouts failed: {}", failures[0]));
+        }
+        if differences.len() < 2 {
+            return Ok(());
+        }
         let count = differences.len() as f64;
         let mean = differences.iter().sum::<f64>() / count;
         let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (count - 1.0);
         let upper = mean + 1.96 * (variance / count).sqrt();
         if upper < 0.0 {
-            let steps = trained.curve.last().map_or(0, |point| point.steps);
-            let reason = format!("worse than random torque by {:.3} a rollout", -mean);
-            return Err(TrainError::Diverged { steps, reason });
+            return diverged(format!("worse than random torque by {:.3} a rollout", -mean));
         }
         Ok(())
     }
@@ -270,7 +281,11 @@ mod tests {
         let breaking = trained(1.0);
         assert_eq!(breaking.trained, None);
         assert_eq!(breaking.diverged.len(), 3);
-        assert!(breaking.diverged[0].contains("worse than random torque by "), "{:?}", breaking.diverged);
+        let reason = &breaking.diverged[0];
+        assert!(
+            reason.contains("each of its first 30 rollouts failed: ") && reason.contains("it broke"),
+            "{reason}"
+        );
         assert!(trained(0.999).trained.is_some());
     }
 }
