@@ -62,7 +62,7 @@ impl Train {
     }
 
     /// Refuses a teacher that is worse than random torque from the same starts, beyond what chance explains, and one that breaks the
-    /// simulator in every rollout. A start from which a rollout of either fails says nothing else. The monitor hears of each
+    /// simulator from every one of them, where random torque does not. A start from which a rollout of either fails says nothing else. The monitor hears of each
     /// rollout; to it the training is over.
     fn trial(&self, trained: &Trained, seed: &Seed, monitor: &mut dyn Monitor) -> Result<(), TrainError> {
         let mut simulator = self.simulator.build()?;
@@ -94,7 +94,8 @@ impl Train {
             let random = value(&mut RandomTorque::new(&spec))?;
             match (taught, random) {
                 (Ok(taught), Ok(random)) => differences.push(taught - random),
-                (Err(why), _) => failures.push(why),
+                (Err(why), Ok(_)) => failures.push(why),
+                // That is the simulator's own doing.
                 (_, Err(_)) => {}
             }
         }
