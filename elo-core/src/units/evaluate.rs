@@ -14,6 +14,7 @@ use crate::policy::{Monitor, OptionPolicy, TeacherConfig, TeacherPolicy};
 use crate::rollout::{Ending, Rollout};
 use crate::seed::Seed;
 use crate::spec::SimulatorSpec;
+use crate::workforce::TRIES;
 
 /// Some subjects in all contexts of a split. The inputs are `contexts` results of [`prepare`], then whatever the
 /// subjects name.
@@ -165,9 +166,26 @@ impl Piecewise for Evaluate {
         (done.rollouts.len() == done.contexts * self.play.subjects.len()).then(|| done.encode())
     }
 
+    /// Where a subject has failed [`TRIES`] times in a row, its other contexts here are not tried: each would cost as many workers.
     fn give_up_next(&self, done: &mut RolloutTable, reason: &str) -> Result<(), WorkError> {
-        let ending = Ending::Failed(reason.to_owned());
-        done.rollouts.push(Rollout { term_sums: vec![0.0; done.terms], length: 0, ending, clamped: 0 });
+        let terms = done.terms;
+        let failed = |why: String| Rollout {
+            term_sums: vec![0.0; terms],
+            length: 0,
+            ending: Ending::Failed(why),
+            clamped: 0,
+        };
+        done.rollouts.push(failed(reason.to_owned()));
+        let end = done.rollouts.len().next_multiple_of(done.contexts);
+        let row = &done.rollouts[end - done.contexts..];
+        let hopeless =
+            |last: &[Rollout]| last.iter().all(|rollout| matches!(rollout.ending, Ending::Failed(_)));
+        if row.len() >= TRIES && hopeless(&row[row.len() - TRIES..]) {
+            done.rollouts.resize(
+                end,
+                failed(format!("not tried, after {TRIES} in a row that failed, the last: {reason}")),
+            );
+        }
         Ok(())
     }
 }

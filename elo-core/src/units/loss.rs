@@ -3,7 +3,7 @@
 //! A unit of many rollouts is not given up for the sake of one. Once a worker was lost over it, it keeps what it has done
 //! in a checkpoint after each rollout, so that the next worker goes on behind that. The rollout at which [`TRIES`] workers
 //! in a row are lost is recorded as failed, and the others are what they would have been, because each draws from a stream
-//! of its own. A unit that never loses a worker keeps nothing.
+//! of its own; only where one option or agent fails so everywhere, the rest of its rollouts is not tried. A unit that never loses a worker keeps nothing.
 
 use super::WorkError;
 use super::codec::{self, Malformed};
@@ -189,7 +189,8 @@ mod tests {
     const ALL: usize = usize::MAX;
 
     /// Two subjects in three contexts.
-    fn rollouts() -> (Work, Vec<Vec<u8>>) {
+    /// Two agents in so many contexts.
+    fn rollouts(contexts: u64) -> (Work, Vec<Vec<u8>>) {
         let subject = |name: &str| Subject { name: name.to_owned(), behavior: Behavior::RandomTorque };
         let play = Play {
             simulator: Box::new(PointMassConfig::default()),
@@ -198,13 +199,13 @@ mod tests {
             seed: Seed::root(3),
         };
         let context = |seed| Context { task: Task::default(), start: PreparedStart::standard(seed) };
-        let contexts = prepare::encode(&[context(1), context(2), context(3)]);
+        let contexts = prepare::encode(&(1..=contexts).map(context).collect::<Vec<_>>());
         (Evaluate { contexts: 1, play }.into(), vec![contexts])
     }
 
     #[test]
     fn a_rollout_that_loses_every_worker_fails_alone() {
-        let (work, inputs) = rollouts();
+        let (work, inputs) = rollouts(3);
         let (sound, workers) = done(&work, &inputs, &[]);
         assert_eq!((workers.died, workers.checkpoints), (0, 0), "what loses no worker keeps nothing");
         let sound = RolloutTable::decode(&sound).unwrap().rollouts;
@@ -227,8 +228,27 @@ mod tests {
     }
 
     #[test]
+    fn who_fails_everywhere_is_not_tried_to_the_end() {
+        let (work, inputs) = rollouts(6);
+        let (sound, _) = done(&work, &inputs, &[]);
+        let sound = RolloutTable::decode(&sound).unwrap().rollouts;
+        // The first agent from its second context on; the other would fail in its last two, which is not enough.
+        let dying_at: Vec<(u64, usize)> = (1..6).chain(10..12).map(|piece| (piece, ALL)).collect();
+        let (bytes, workers) = done(&work, &inputs, &dying_at);
+        let table = RolloutTable::decode(&bytes).unwrap().rollouts;
+        assert_eq!(workers.died, 1 + TRIES * (3 + 2));
+        let lost = Ending::Failed("it died".to_owned());
+        let not_tried =
+            Ending::Failed("not tried, after 3 in a row that failed, the last: it died".to_owned());
+        let endings: Vec<&Ending> = table.iter().map(|rollout| &rollout.ending).collect();
+        assert_eq!(endings[1..6], [&lost, &lost, &lost, &not_tried, &not_tried]);
+        assert_eq!(endings[10..12], [&lost, &lost]);
+        assert_eq!((&table[0], &table[6..10]), (&sound[0], &sound[6..10]));
+    }
+
+    #[test]
     fn workers_that_are_lost_now_and_then_change_no_byte() {
-        for (work, inputs) in [rollouts(), recordings()] {
+        for (work, inputs) in [rollouts(3), recordings()] {
             let (undisturbed, _) = done(&work, &inputs, &[]);
             let (bytes, workers) = done(&work, &inputs, &[(0, TRIES), (1, TRIES - 1), (3, TRIES - 1)]);
             assert_eq!(workers.died, 3 * TRIES - 2);
