@@ -183,7 +183,7 @@ impl Piecewise for Evaluate {
         if row.len() >= TRIES && hopeless(&row[row.len() - TRIES..]) {
             done.rollouts.resize(
                 end,
-                failed(format!("not tried, after {TRIES} in a row that failed, the last: {reason}")),
+                failed(format!("{reason} (so ended the last of {TRIES} in a row; this one was not tried)")),
             );
         }
         Ok(())

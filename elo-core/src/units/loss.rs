@@ -239,7 +239,7 @@ mod tests {
         assert_eq!(workers.died, 1 + TRIES * (3 + 2));
         let lost = Ending::Failed("it died".to_owned());
         let not_tried =
-            Ending::Failed("not tried, after 3 in a row that failed, the last: it died".to_owned());
+            Ending::Failed("it died (so ended the last of 3 in a row; this one was not tried)".to_owned());
         let endings: Vec<&Ending> = table.iter().map(|rollout| &rollout.ending).collect();
         assert_eq!(endings[1..6], [&lost, &lost, &lost, &not_tried, &not_tried]);
         assert_eq!(endings[10..12], [&lost, &lost]);
