@@ -92,7 +92,7 @@ fn kills_in_practice_and_elsewhere_change_no_byte() {
         command.args(["--workers", if stream.random::<bool>() { "1" } else { "3" }]);
         if kills < 25 {
             // A run's first 12 calls open its directory; a checkpoint makes 3, and each set leaves 3 of them.
-            let calls = if kills < 5 { 13..17 } else { 1..60 };
+            let calls = if kills < 8 { 13..17 } else { 1..60 };
             preload::die_at(&mut command, stream.random_range(calls));
         }
         match run(&mut command) {
