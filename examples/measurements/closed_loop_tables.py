@@ -82,6 +82,18 @@ def agents(open_loop, interest, metric):
     }
 
 
+def figures(row):
+    """What runs.csv has of a row of a report."""
+    mean = row["mean_return"]
+    return {
+        "mean_return": mean["estimate"],
+        "low": mean["low"],
+        "high": mean["high"],
+        "falls": row["falls"]["estimate"],
+        "mean_length": row["mean_length"],
+    }
+
+
 def rows_of(robot, seed, metric, arms):
     """One line of runs.csv for each arm."""
     base = by_context(arms["interest"])
@@ -92,12 +104,8 @@ def rows_of(robot, seed, metric, arms):
             "seed": seed,
             "metric": metric,
             "arm": name,
-            "mean_return": row["mean_return"]["estimate"],
-            "low": row["mean_return"]["low"],
-            "high": row["mean_return"]["high"],
-            "falls": row["falls"]["estimate"],
+            **figures(row),
             "falls_at_most": agent["falls"]["upper"],
-            "mean_length": row["mean_length"],
         }
         if name != "interest":
             differences = [a - b for a, b in zip(base, by_context(agent), strict=True)]
@@ -116,11 +124,7 @@ def rows_of_ablation(robot, seed, kind, report, base):
             "seed": seed,
             "metric": metric,
             "arm": kind,
-            "mean_return": row["mean_return"]["estimate"],
-            "low": row["mean_return"]["low"],
-            "high": row["mean_return"]["high"],
-            "falls": row["falls"]["estimate"],
-            "mean_length": row["mean_length"],
+            **figures(row),
             "difference": base[metric] - row["mean_return"]["estimate"],
         }
 

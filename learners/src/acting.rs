@@ -1,8 +1,8 @@
 //! What learners that act in a simulator have in common: where they begin, and what they forgive.
 
-use elo_core::context::{Context, InitialStates};
 use std::time::{Duration, Instant};
 
+use elo_core::context::{Context, InitialStates};
 use elo_core::policy::{Monitor, Stopped, TrainError};
 use elo_core::seed::Seed;
 use elo_core::simulator::{Simulator, SimulatorError};

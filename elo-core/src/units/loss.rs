@@ -109,23 +109,20 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use std::collections::BTreeMap;
 
-    use serde::{Deserialize, Serialize};
-
     use super::*;
     use crate::conformance::point_mass::PointMassConfig;
     use crate::context::{Context, InitialStates, PreparedStart};
     use crate::experiment::TeacherActs;
-    use crate::fault::Faults;
-    use crate::policy::{Lesson, TeacherConfig, TeacherPolicy, TrainError, Trained};
+    use crate::policy::Trained;
     use crate::rollout::{Ending, Horizon};
-    use crate::seed::{Seed, Stream};
-    use crate::spec::SimulatorSpec;
+    use crate::seed::Seed;
     use crate::task::Task;
-    use crate::tensors::{TensorError, Tensors};
+    use crate::tensors::Tensors;
     use crate::units::evaluate::{Behavior, Evaluate, RolloutTable, Subject};
     use crate::units::play::Play;
     use crate::units::record::{self, Record};
     use crate::units::train::TeacherResult;
+    use crate::units::train::tests::SteadyConfig;
     use crate::units::{Site, Span, Work, prepare};
 
     /// Workers, so many of which die when they come to a piece, and the one checkpoint of their unit.
@@ -256,46 +253,13 @@ mod tests {
         }
     }
 
-    /// A teacher that pushes to the right.
-    #[derive(Debug, Serialize, Deserialize)]
-    struct PusherConfig {}
-
-    #[typetag::serde(name = "pusher")]
-    impl TeacherConfig for PusherConfig {
-        fn validate(&self, _: &mut Faults) {}
-
-        fn simulator_steps(&self) -> u64 {
-            0
-        }
-
-        fn train(&self, _: &Lesson<'_>, _: &mut dyn Monitor) -> Result<Trained, TrainError> {
-            Ok(Trained { policy: Tensors::new(), snapshots: Vec::new(), curve: Vec::new() })
-        }
-
-        fn untrained(&self, _: &SimulatorSpec, _: &Seed) -> Option<Tensors> {
-            None
-        }
-
-        fn load(&self, _: &Tensors, _: &SimulatorSpec) -> Result<Box<dyn TeacherPolicy>, TensorError> {
-            Ok(Box::new(Pusher))
-        }
-    }
-
-    struct Pusher;
-
-    impl TeacherPolicy for Pusher {
-        fn act(&self, _: &[f32], _: Option<&mut Stream>, action: &mut [f32]) {
-            action.fill(0.5);
-        }
-    }
-
     const MAX_RETAKES: u32 = 5;
 
     /// Four candidates.
     fn recordings() -> (Work, Vec<Vec<u8>>) {
         let work = Record {
             simulator: Box::new(PointMassConfig::default()),
-            teacher: Box::new(PusherConfig {}),
+            teacher: Box::new(SteadyConfig { action: 0.5 }),
             tasks: vec![Task::default()],
             initial_states: InitialStates { max_random_steps: 0, ..InitialStates::default() },
             acts: TeacherActs::Mean,

@@ -170,7 +170,7 @@ impl TeacherResult {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::conformance::point_mass::PointMassConfig;
@@ -234,8 +234,8 @@ mod tests {
 
     /// A teacher that was never trained and always does the same.
     #[derive(Debug, Serialize, Deserialize)]
-    struct SteadyConfig {
-        action: f32,
+    pub(in crate::units) struct SteadyConfig {
+        pub action: f32,
     }
 
     #[typetag::serde(name = "steady")]
