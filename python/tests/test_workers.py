@@ -83,12 +83,20 @@ def test_a_rollout_that_crashes_each_time_is_recorded(discover: Discover, tmp_pa
     """Where `at` is below 0, which it is in a sixth of the tasks and not in the teacher's."""
     at = 'name = "at"\ndefault = 100.0\nlow = -20.0\nhigh = 100.0\nbinding = "attribute"'
     sizes = ["--set", "tasks={at={low=-20.0,high=100.0}}", "--set", "initial_states.max_random_steps=0", "--set", "seed=2"]
-    ran = discover(f"{wrong(how)}\n[[simulator.task_parameters]]\n{at}", *TAUGHT, *sizes)
+    simulator = f"{wrong(how)}\n[[simulator.task_parameters]]\n{at}"
+    ran = discover(simulator, *TAUGHT, *sizes)
     assert ran.returncode == 0, ran.stderr
     lost = failures(tmp_path / "run")
     assert lost and all(signal in row["reason"] and "toys.py" in row["reason"] for row in lost), lost
     rows = crashing_rows(tmp_path / "run" / "results")
     assert rows and {(row["table"], int(row["row"]), int(row["context"])) for row in lost} == rows
+    # The interpreter's words name its threads by address, which are others in each process.
+    assert discover(simulator, *TAUGHT, *sizes, "--workers", "1", out="again").returncode == 0
+    assert contents(tmp_path / "again" / "results") == contents(tmp_path / "run" / "results")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def crashing_rows(results: Path) -> set[tuple[str, int, int]]:

@@ -169,13 +169,13 @@ impl Piecewise for Evaluate {
     /// Where a subject has failed [`TRIES`] times in a row, its other contexts here are not tried: each would cost as many workers.
     fn give_up_next(&self, done: &mut RolloutTable, reason: &str) -> Result<(), WorkError> {
         let terms = done.terms;
-        let failed = |why: String| Rollout {
+        let failed = |why: &str| Rollout {
             term_sums: vec![0.0; terms],
             length: 0,
-            ending: Ending::Failed(why),
+            ending: Ending::failed(why),
             clamped: 0,
         };
-        done.rollouts.push(failed(reason.to_owned()));
+        done.rollouts.push(failed(reason));
         let end = done.rollouts.len().next_multiple_of(done.contexts);
         let row = &done.rollouts[end - done.contexts..];
         let hopeless =
@@ -183,7 +183,7 @@ impl Piecewise for Evaluate {
         if row.len() >= TRIES && hopeless(&row[row.len() - TRIES..]) {
             done.rollouts.resize(
                 end,
-                failed(format!("{reason} (so ended the last of {TRIES} in a row; this one was not tried)")),
+                failed(&format!("{reason} (so ended the last of {TRIES} in a row; this one was not tried)")),
             );
         }
         Ok(())

@@ -240,7 +240,7 @@ impl Piecewise for Record {
 
     fn give_up_next(&self, done: &mut Taken, reason: &str) -> Result<(), WorkError> {
         done.next.lost += 1;
-        self.lasted_not(done, &Ending::Failed(reason.to_owned()))
+        self.lasted_not(done, &Ending::failed(reason))
     }
 }
 
