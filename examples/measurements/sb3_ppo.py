@@ -2,7 +2,7 @@
 
     python examples/measurements/sb3_ppo.py mujoco ant 1000000 3 > curve.csv
 
-Arguments: engine, robot, simulator steps, number of seeds. Needs `pip install ./python stable-baselines3 mujoco==3.17.0`.
+Arguments: engine, robot, simulator steps, number of seeds or a range of them (`8..10`, both included). Needs `pip install ./python stable-baselines3 mujoco==3.17.0`.
 
 What differs from SB3's defaults: observations and rewards are normalised (`VecNormalize`), γ is 0.98 and the step size falls
 linearly to 0, as in this project's PPO. A figure is the mean return of 20 whole episodes: 1000 control steps, standard
@@ -62,10 +62,11 @@ class Curve(BaseCallback):
 
 
 def main():
-    engine, robot, steps, seeds = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+    engine, robot, steps = sys.argv[1], sys.argv[2], int(sys.argv[3])
+    first, last = sys.argv[4].split("..") if ".." in sys.argv[4] else (1, sys.argv[4])
     torch.set_num_threads(1)
     print("engine,robot,seed,steps,mean_return,standard_deviation,mean_length,falls")
-    for seed in range(1, seeds + 1):
+    for seed in range(int(first), int(last) + 1):
         world = VecNormalize(environment(engine, robot), gamma=GAMMA)
         model = PPO("MlpPolicy", world, gamma=GAMMA, learning_rate=lambda left: 3e-4 * left, seed=seed, device="cpu")
         curve = Curve(engine, robot, seed, steps // POINTS)
