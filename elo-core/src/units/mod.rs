@@ -88,7 +88,7 @@ impl Work {
             Self::Rehearse(_) => "rehearse",
         };
         let version = match self {
-            Self::Practise(_) => 2,
+            Self::Train(_) | Self::Practise(_) => 2,
             _ => 1,
         };
         Stage { name, version }

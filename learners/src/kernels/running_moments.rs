@@ -84,10 +84,23 @@ impl RunningMoments {
 
     /// The moments as they stand, as a map for observations.
     pub fn normalizer(&self) -> Normalizer {
-        Normalizer {
-            means: self.means.iter().map(|&mean| mean as f32).collect(),
-            scales: self.variances().map(|variance| (1.0 / (variance + EPSILON).sqrt()) as f32).collect(),
-        }
+        let mut normalizer = Normalizer::identity(self.means.len());
+        self.refresh(&mut normalizer);
+        normalizer
+    }
+
+    /// Brings a [`Self::normalizer`] of earlier up to date.
+    ///
+    /// # Panics
+    /// When the sizes differ.
+    pub fn refresh(&self, normalizer: &mut Normalizer) {
+        let Normalizer { means, scales } = normalizer;
+        assert_eq!(means.len(), self.means.len(), "size of a normaliser");
+        means.iter_mut().zip(&self.means).for_each(|(to, &mean)| *to = mean as f32);
+        scales
+            .iter_mut()
+            .zip(self.variances())
+            .for_each(|(to, variance)| *to = (1.0 / (variance + EPSILON).sqrt()) as f32);
     }
 }
 

@@ -107,7 +107,7 @@ impl Default for PpoConfig {
             gamma: 0.98,
             gae_lambda: 0.95,
             entropy_coefficient: 0.0,
-            value_coefficient: 0.5,
+            value_coefficient: 1.0,
             max_grad_norm: 0.5,
             target_kl: 1000.0,
             hidden: vec![64, 64],

@@ -22,7 +22,7 @@ pub(super) struct Experience {
     pub values: Vec<f32>,
     /// The value of the observation after each environment's last step.
     pub values_after: Vec<f32>,
-    /// Estimates of `A_πθk(s, a)`; normalised over the iteration.
+    /// Estimates of `A_πθk(s, a)`.
     pub advantages: Vec<f32>,
     /// What the critic should have said.
     pub targets: Vec<f32>,
@@ -54,6 +54,7 @@ pub(super) struct Minibatch {
     pub activations: [Activations; 2],
     pub actions: Vec<f32>,
     pub old_log_probs: Vec<f32>,
+    /// Normalised over the minibatch before they are used.
     pub advantages: Vec<f32>,
     pub targets: Vec<f32>,
     /// `log π_θ(a|s)`.

@@ -128,8 +128,7 @@ impl<'a> Training<'a> {
     /// One improvement of the policy, `θ_k → θ_{k+1}`.
     fn iterate(&mut self, progress: &mut Progress, monitor: &mut dyn Monitor) -> Result<(), TrainError> {
         let iteration = progress.record.iteration;
-        let normalizer = progress.record.moments.normalizer();
-        let ended = self.collect(progress, &normalizer, monitor)?;
+        let ended = self.collect(progress, monitor)?;
         self.estimate_advantages(&progress.learner);
         let kl = self.improve(&mut progress.learner, iteration);
         let kl = kl.map_err(|reason| self.diverged(progress, reason))?;
@@ -137,25 +136,22 @@ impl<'a> Training<'a> {
             return Err(self.diverged(progress, reason));
         }
         progress.record.iteration += 1;
-        self.log(progress, normalizer, ended);
+        self.log(progress, ended);
         Ok(())
     }
 
-    /// Acts by `π_θk` and fills the experience with what came of it.
-    fn collect(
-        &mut self,
-        progress: &mut Progress,
-        normalizer: &Normalizer,
-        monitor: &mut dyn Monitor,
-    ) -> Result<Ended, TrainError> {
+    /// Acts by `π_θk` and fills the experience with what came of it. Each observation is normalised by all that were seen until
+    /// then, itself included.
+    fn collect(&mut self, progress: &mut Progress, monitor: &mut dyn Monitor) -> Result<Ended, TrainError> {
         let before = self.steps_done(progress);
         let mut teller = Teller::new(monitor, self.config.simulator_steps());
         let Self { experience, environments, course, scratch, .. } = self;
         let Progress { learner: Learner { policy, log_std, critic, .. }, record, .. } = progress;
-        let critic = NormalizedMlp::new(normalizer.clone(), critic.clone());
-        let value = |observation: &[f32]| {
-            let mut value = [0.0];
-            critic.evaluate(observation, &mut value);
+        let mut normalizer = record.moments.normalizer();
+        let value = |normalizer: &Normalizer, seen: &[f32], scratch: &mut Scratch| {
+            let (mut observation, mut value) = (vec![0.0; seen.len()], [0.0]);
+            normalizer.apply(seen, &mut observation);
+            critic.forward_one(&observation, scratch, &mut value);
             value[0]
         };
         let steps = self.config.steps_per_environment();
@@ -170,6 +166,7 @@ impl<'a> Training<'a> {
                 teller.step(before + row as u64)?;
                 seen.copy_from_slice(environment.observation());
                 record.moments.update(&seen);
+                record.moments.refresh(&mut normalizer);
                 let observation = &mut experience.observations[row * inputs..][..inputs];
                 normalizer.apply(&seen, observation);
                 policy.forward_one(observation, scratch, &mut means);
@@ -183,7 +180,8 @@ impl<'a> Training<'a> {
                             End::Running => StepEnd::Running,
                             End::Terminated => StepEnd::Terminated,
                             End::Truncated => {
-                                StepEnd::Truncated { final_value: value(environment.observation()) }
+                                let final_value = value(&normalizer, environment.observation(), scratch);
+                                StepEnd::Truncated { final_value }
                             }
                         };
                         row += 1;
@@ -194,14 +192,15 @@ impl<'a> Training<'a> {
                     }
                     // The step did not take place; those before it were cut short.
                     Outcome::Failed if row > first && experience.ends[row - 1] == StepEnd::Running => {
-                        experience.ends[row - 1] = StepEnd::Truncated { final_value: value(&seen) };
+                        experience.ends[row - 1] =
+                            StepEnd::Truncated { final_value: value(&normalizer, &seen, scratch) };
                     }
                     Outcome::Failed => {}
                 }
                 record.scaler.end_episode(index);
                 environment.begin(course, &mut record.tally)?;
             }
-            experience.values_after[index] = value(environment.observation());
+            experience.values_after[index] = value(&normalizer, environment.observation(), scratch);
         }
         Ok(ended)
     }
@@ -236,10 +235,9 @@ impl<'a> Training<'a> {
             gae(&trajectory, discount, &mut experience.advantages[rows]);
         }
         value_targets(&experience.advantages, &experience.values, &mut experience.targets);
-        normalize(&mut experience.advantages);
     }
 
-    /// Epochs of gradient steps on shuffled minibatches. Returns how far the last one moved the policy. The error says why
+    /// Epochs of gradient steps on shuffled minibatches, each with its advantages normalised. Returns how far the last one moved the policy. The error says why
     /// it cannot go on.
     fn improve(&mut self, learner: &mut Learner, iteration: u64) -> Result<f32, String> {
         let rate = self.config.rate(iteration);
@@ -251,6 +249,7 @@ impl<'a> Training<'a> {
             let mut divergences = Vec::with_capacity(order.len() / self.config.minibatch);
             for rows in order.chunks_exact(self.config.minibatch) {
                 self.minibatch.gather(&self.experience, rows);
+                normalize(&mut self.minibatch.advantages);
                 divergences.push(descend(self.config, &mut self.minibatch, learner, rate)?);
             }
             moved = typical_kl(divergences);
@@ -262,7 +261,7 @@ impl<'a> Training<'a> {
     }
 
     /// Notes what was seen, and keeps a policy now and then.
-    fn log(&self, progress: &mut Progress, normalizer: Normalizer, ended: Ended) {
+    fn log(&self, progress: &mut Progress, ended: Ended) {
         let steps = self.steps_done(progress);
         let Ended { count, total, steps: lengths } = ended;
         let mean = |sum: f64| (count > 0).then(|| sum / count as f64);
@@ -272,11 +271,8 @@ impl<'a> Training<'a> {
         let kept = |iteration: u64| iteration * self.config.snapshots / all;
         if kept(done) > kept(done - 1) {
             let Learner { policy, log_std, .. } = &progress.learner;
-            let teacher = GaussianMlpTeacher::new(
-                NormalizedMlp::new(normalizer, policy.clone()),
-                log_std.clone(),
-                &self.spec,
-            );
+            let mean = NormalizedMlp::new(progress.record.moments.normalizer(), policy.clone());
+            let teacher = GaussianMlpTeacher::new(mean, log_std.clone(), &self.spec);
             progress.snapshots.push(Snapshot { steps, policy: teacher.to_tensors() });
         }
     }

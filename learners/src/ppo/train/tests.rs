@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use elo_core::conformance::point_mass::PointMassConfig;
 use elo_core::context::InitialStates;
 use elo_core::fault::Faults;
 use elo_core::policy::{Stopped, Unwatched};
@@ -184,6 +185,40 @@ fn a_training_in_a_slow_environment_says_so_at_each_start_and_within_an_iteratio
     let mut stopping = Words { stop_after: Some(3), ..Words::default() };
     assert!(matches!(train(&config, &lesson, &mut stopping), Err(TrainError::Stopped(_))));
     assert_eq!(stopping.heard.len(), 3);
+}
+
+#[test]
+fn an_observation_is_normalised_by_all_until_it_and_a_policy_goes_with_all_that_were_seen() {
+    let config = PpoConfig {
+        steps: 64,
+        rollout_steps: 32,
+        minibatch: 32,
+        hidden: vec![8],
+        d0_share: 0.0,
+        snapshots: 1,
+        ..PpoConfig::default()
+    };
+    let (task, initial_states) = (Task::default(), InitialStates::default());
+    let world = PointMassConfig::default();
+    let lesson =
+        Lesson { simulator: &world, task: &task, initial_states: &initial_states, seed: Seed::root(1) };
+    let mut training = Training::new(&config, &lesson).unwrap();
+    let mut progress = Progress::new(&config, &training.spec, &lesson.seed);
+    training.take_up(&mut progress, &mut Unwatched).unwrap();
+    training.iterate(&mut progress, &mut Unwatched).unwrap();
+    // The first is the mean of itself; the second lies one deviation from the mean of two, or nowhere.
+    let (first, rest) = training.experience.observations.split_at(training.spec.observation_size);
+    let second = &rest[..first.len()];
+    assert!(first.iter().all(|x| *x == 0.0), "{first:?}");
+    assert!(second.iter().all(|x| *x == 0.0 || (0.9..=1.0).contains(&x.abs())), "{second:?}");
+    assert!(second.iter().any(|x| *x != 0.0), "{second:?}");
+
+    training.iterate(&mut progress, &mut Unwatched).unwrap();
+    let kept = &progress.snapshots.last().unwrap().policy;
+    assert_eq!(progress.record.moments.count(), 64);
+    let normalizer = progress.record.moments.normalizer();
+    assert_eq!(kept.get("observation_mean").unwrap().data, normalizer.means);
+    assert_eq!(kept.get("observation_scale").unwrap().data, normalizer.scales);
 }
 
 #[test]
