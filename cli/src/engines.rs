@@ -70,7 +70,8 @@ fn on_simulator(config: &Path, simulator: &str, plugins: &[&[Plugin]]) -> Result
                 kinds.join(", ")
             )));
         }
-        return load::experiment(config, &[format!("simulator.kind={simulator}")], plugins);
+        return load::experiment(config, &[format!("simulator.kind={simulator}")], plugins)
+            .map_err(of_the_run);
     }
     let cannot = |why: String| Exit::BadInput(format!("--simulator {simulator}: {why}"));
     let read = |path: &Path| -> Result<Table, Exit> {
@@ -94,5 +95,15 @@ fn on_simulator(config: &Path, simulator: &str, plugins: &[&[Plugin]]) -> Result
         let hint = meant(unknown, known.iter().copied(), '`');
         return Err(cannot(format!("`{unknown}`: is unknown; expected one of {}{hint}", known.join(", "))));
     }
-    load::embedded(&whole.to_string(), path, &[], plugins)
+    load::embedded(&whole.to_string(), path, &[], plugins).map_err(of_the_run)
+}
+
+/// A fault of the run's config on another simulator.
+fn of_the_run(exit: Exit) -> Exit {
+    match exit {
+        Exit::BadInput(text) => Exit::BadInput(format!(
+            "{text}\n--simulator takes the place of the run's [simulator], and its other tables stay: it must be the same robot"
+        )),
+        other => other,
+    }
 }

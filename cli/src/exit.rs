@@ -1,6 +1,7 @@
 //! How a command ends: one table of exit codes and messages.
 
 use std::fmt;
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 use elo_core::crew::RunError;
@@ -72,6 +73,13 @@ impl From<RunError> for Exit {
 impl From<RunDirError> for Exit {
     fn from(error: RunDirError) -> Self {
         let message = error.to_string();
-        if matches!(error, RunDirError::Held { .. }) { Self::Held(message) } else { Self::Failed(message) }
+        match error {
+            RunDirError::Held { .. } => Self::Held(message),
+            // A part of the path is a file: nothing can have been begun there.
+            RunDirError::Open { source, .. } if source.kind() == ErrorKind::NotADirectory => {
+                Self::BadInput(message)
+            }
+            _ => Self::Failed(message),
+        }
     }
 }

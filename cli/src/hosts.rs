@@ -6,11 +6,12 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use elo_core::experiment::Experiment;
-use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::WorkerProgram;
 use elo_core::worker::{WorkerFault, WorkerProcess};
 use elo_core::workers::{STEP_SECONDS, Workers};
 use elo_core::workforce::Hosts;
+
+use crate::worker::build;
 
 /// Starts worker programs: our own beside this program, interpreters as the config says.
 #[derive(Clone, Debug, Default)]
@@ -98,7 +99,7 @@ impl Hosts for Programs {
             source: io::Error::new(io::ErrorKind::NotFound, message),
         };
         let command = self.find(program).map_err(missing)?;
-        WorkerProcess::spawn(command, &fingerprint(), self.workers.limits())
+        WorkerProcess::spawn(command, &build(), self.workers.limits())
     }
 }
 

@@ -25,7 +25,7 @@ mod progress;
 mod table;
 mod worker;
 
-pub use worker::{formats, worker_main_with};
+pub use worker::{build, formats, worker_main_with};
 
 use std::process::ExitCode;
 

@@ -28,7 +28,13 @@ pub fn experiment(path: &Path, overrides: &[String], plugins: &[&[Plugin]]) -> R
 
 /// Reads the experiment that the results of a run directory are of.
 pub fn of_run(folder: &Path, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
-    experiment(&config_of_run(folder)?, &[], plugins)
+    experiment(&config_of_run(folder)?, &[], plugins).map_err(|exit| match exit {
+        // The program that wrote it knew every kind in it.
+        Exit::BadInput(text) if text.contains("`: expected a kind of ") => Exit::BadInput(format!(
+            "{text}\nthe run was made by a program with plugins that this one has not: use that program"
+        )),
+        other => other,
+    })
 }
 
 /// The config that the results of a run directory are of. Says so where work on another has been begun there since.

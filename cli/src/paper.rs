@@ -68,6 +68,9 @@ pub struct Beside {
     pub note: Option<String>,
     /// The paper's, if it has one.
     pub paper: Option<f64>,
+    /// Pipeline seeds that were run, also those that do not have it.
+    #[serde(skip)]
+    pub runs: usize,
     /// Digits after the point when shown.
     #[serde(skip)]
     pub digits: usize,
@@ -81,6 +84,7 @@ impl Beside {
         match (&self.ours, self.paper) {
             _ if !self.comparable => "another normalisation",
             (Some(_), Some(_)) if self.seeds.len() == 2 => "two seeds are too few to tell",
+            (Some(_), Some(_)) if self.seeds.len() < self.runs => "one seed is too few to tell",
             (Some(ours), Some(paper)) if ours.contains(paper) => "the paper's is within",
             (Some(ours), Some(paper)) if ours.low > paper => "above the paper's",
             (Some(_), Some(_)) => "below the paper's",
@@ -139,9 +143,10 @@ impl Over<'_> {
             }
             _ => mean_interval(&seeds, self.confidence).ok(),
         };
-        let missing = self.runs.len() - found.len();
-        let note = (missing > 0).then(|| format!("not defined in {missing} of {} runs", self.runs.len()));
-        Beside { figure: figure.to_owned(), seeds, ours, note, paper, digits, comparable }
+        let runs = self.runs.len();
+        let missing = runs - found.len();
+        let note = (missing > 0).then(|| format!("not defined in {missing} of {runs} runs"));
+        Beside { figure: figure.to_owned(), seeds, ours, note, paper, runs, digits, comparable }
     }
 
     /// Training steps of PPO, acting by samples, that earn what the set of `ψ_μ` earns.

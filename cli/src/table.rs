@@ -83,14 +83,15 @@ fn parts(parts: &[OptionPart]) -> String {
 
 /// What the sets were chosen from.
 fn candidates(report: &Report) -> String {
-    let (teachers, usable) = (report.teachers.len(), report.candidates.usable);
+    let (all, usable) = (report.teachers.len(), report.candidates.usable);
+    let trained = report.teachers.iter().filter(|teacher| teacher.usable).count();
+    let teachers =
+        if trained == all { format!("{all} teachers") } else { format!("{trained} of {all} teachers") };
     let text = match report.candidates.teacher_return {
         Some(recorded) => {
-            format!(
-                "{teachers} teachers (mean return while recorded {recorded:.1}), {usable} candidate options"
-            )
+            format!("{teachers} (mean return while recorded {recorded:.1}), {usable} candidate options")
         }
-        None => format!("{teachers} teachers, {usable} candidate sets learned by practice"),
+        None => format!("{teachers}, {usable} candidate sets learned by practice"),
     };
     match report.candidates.given_up.len() {
         0 => text,

@@ -17,8 +17,8 @@ pub fn worker_main_with(engine: &str, plugins: &[&[Plugin]]) -> ExitCode {
         let work: Work = serde_json::from_slice(job).map_err(|error| JobError::invalid(error.to_string()))?;
         work.perform(inputs, &mut site, monitor).map_err(|error| JobError::failed(error.to_string()))
     };
-    let fingerprint = fingerprint();
-    let identity = Identity { fingerprint: &fingerprint, engine };
+    let build = build();
+    let identity = Identity { fingerprint: &build, engine };
     let served = own_pipes().and_then(|(input, output)| serve(input, output, &identity, &mut perform));
     match served {
         Ok(()) => ExitCode::SUCCESS,
@@ -32,4 +32,10 @@ pub fn worker_main_with(engine: &str, plugins: &[&[Plugin]]) -> ExitCode {
 /// The formats of option policies that these plugins read.
 pub fn formats(plugins: &[&[Plugin]]) -> Vec<PolicyFormat> {
     plugins.iter().flat_map(|slice| slice.iter()).filter_map(|plugin| plugin.format).collect()
+}
+
+/// What program and worker must share: version, processor class and the sources that both were built from. A worker that was
+/// left over from before a change of the code would compute other results under the same keys.
+pub fn build() -> String {
+    format!("{}, sources {}", fingerprint(), env!("ELO_SOURCES"))
 }

@@ -170,6 +170,9 @@ impl OptionSet {
             return Err(OptionSetError::Invalid { path: folder.to_owned(), reason });
         }
         let path = folder.join("manifest.json");
+        if !path.exists() {
+            return Err(OptionSetError::Invalid { path: folder.to_owned(), reason: no_set(folder) });
+        }
         let text = read_capped(&path, MAX_MANIFEST_BYTES)?;
         let invalid = |path: &Path, reason: String| OptionSetError::Invalid { path: path.to_owned(), reason };
         let value: serde_json::Value =
@@ -235,6 +238,25 @@ impl OptionSet {
 
 fn hash(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
+}
+
+/// Why a folder without a manifest is no option set, with those that lie in it or beside it.
+fn no_set(folder: &Path) -> String {
+    let sets = |place: &Path| -> Vec<String> {
+        let folders = fs::read_dir(place).into_iter().flatten().flatten().map(|entry| entry.path());
+        let sets = folders.filter(|path| path.join("manifest.json").is_file());
+        let mut sets: Vec<String> = sets.map(|path| path.display().to_string()).collect();
+        sets.sort();
+        sets
+    };
+    let mut near = sets(folder);
+    near.extend(folder.parent().map(sets).unwrap_or_default());
+    let hint = if near.is_empty() {
+        "`elo discover` writes option sets to RUN/results/option_sets/METRIC".to_owned()
+    } else {
+        format!("there is {}", near.join(", "))
+    };
+    format!("is no option set: it has no manifest.json; {hint}")
 }
 
 fn read_capped(path: &Path, cap: u64) -> Result<Vec<u8>, OptionSetError> {

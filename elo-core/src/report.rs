@@ -63,6 +63,8 @@ pub struct Report {
 pub struct TeacherReport {
     /// Its task.
     pub task: Task,
+    /// Whether it was recorded; given up otherwise.
+    pub usable: bool,
     /// Mean return of its last training episodes, in its own task.
     pub training_return: Option<f64>,
     /// Attempts that were given up, and why.
@@ -363,6 +365,7 @@ impl View<'_> {
                 .iter()
                 .map(|t| TeacherReport {
                     task: t.task.clone(),
+                    usable: t.usable,
                     training_return: t.training_return,
                     diverged: t.diverged.clone(),
                 })

@@ -16,7 +16,9 @@
 use std::path::Path;
 
 use elo_core::option_set::{Manifest, OptionSet, OptionSetError};
-use elo_core::policy::{OptionPolicy, PolicyFormat};
+use elo_core::policy::{OptionPolicy, PolicyFormat, PolicyRecord};
+use elo_core::seed::Stream;
+use elo_core::spec::SimulatorSpec;
 
 use crate::PLUGINS;
 
@@ -25,7 +27,7 @@ use crate::PLUGINS;
 pub struct Options {
     /// Where they come from: robot, bounds, normalisation, scores, the whole config of their run.
     pub manifest: Manifest,
-    /// What they do, in the order of the manifest.
+    /// What they do, in the order of the manifest. Their actions are clipped to the robot's bounds, as a simulator clips them.
     pub policies: Vec<Box<dyn OptionPolicy>>,
 }
 
@@ -53,6 +55,34 @@ impl Options {
 pub fn load(folder: &Path) -> Result<Options, OptionSetError> {
     let set = OptionSet::read(folder)?;
     let formats: Vec<PolicyFormat> = PLUGINS.iter().filter_map(|plugin| plugin.format).collect();
-    let policies = set.policies(&set.manifest.spec, &formats)?;
+    let spec = &set.manifest.spec;
+    let clipped = |policy| Box::new(Clipped { policy, spec: spec.clone() }) as Box<dyn OptionPolicy>;
+    let policies = set.policies(spec, &formats)?.into_iter().map(clipped).collect();
     Ok(Options { manifest: set.manifest, policies })
+}
+
+/// A policy whose actions lie within the robot's bounds.
+#[derive(Debug)]
+struct Clipped {
+    policy: Box<dyn OptionPolicy>,
+    spec: SimulatorSpec,
+}
+
+impl OptionPolicy for Clipped {
+    fn interest(&self, observation: &[f32]) -> f32 {
+        self.policy.interest(observation)
+    }
+
+    fn act(&self, observation: &[f32], elapsed: usize, noise: &mut Stream, action: &mut [f32]) {
+        self.policy.act(observation, elapsed, noise, action);
+        self.spec.clip(action);
+    }
+
+    fn termination(&self, observation: &[f32], elapsed: usize) -> f64 {
+        self.policy.termination(observation, elapsed)
+    }
+
+    fn record(&self) -> PolicyRecord {
+        self.policy.record()
+    }
 }

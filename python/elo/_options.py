@@ -78,7 +78,7 @@ class OptionSet:
         """What option number `option` does at `observation` (observation_size numbers) after `elapsed` of its steps.
 
         `seed`, a number of up to 64 bits, feeds options that draw their actions, such as those of the learner `interest`: give
-        each step another one. Gives an array of the action's size.
+        each step another one. Gives an array of the action's size, clipped to `action_low` and `action_high`.
         """
         return self._options.act(self._when(option, elapsed), _array(observation), _natural(seed, "seed"))
 
@@ -94,7 +94,10 @@ class OptionSet:
         return np.asarray(self._options.interests(_array(observation)), np.float32)
 
     def draw(self, observation: Observation, generator: np.random.Generator) -> int:
-        """The number of the option that an infant agent begins at `observation`: by interest, π_I of Eq. 6.3."""
+        """The number of the option that an infant agent begins at `observation`: by interest, π_I of Eq. 6.3.
+
+        `generator` is NumPy's, e.g. `numpy.random.default_rng(1)`.
+        """
         interests = self.interests(observation).astype(np.float64)
         return int(generator.choice(len(self), p=interests / interests.sum()))
 

@@ -40,7 +40,7 @@ def simulator(config: Mapping[str, Any]) -> list[str]:
     The rule to look for in an environment of one's own is that episodes repeat bit for bit, in a fresh object, in a used one,
     in another order, after an error and in another process: without it no result can be trusted.
     """
-    table = dict(config)
+    table = _table(config)
     broken, report = _elo.conformance("simulator", json.dumps(table), json.dumps(POINT_MASS))
     violation = _elsewhere(table)
     print(_with_another_rule(report, violation))
@@ -57,8 +57,14 @@ def metric(config: Mapping[str, Any]) -> list[str]:
     return _run("metric", config, POINT_MASS)
 
 
+def _table(config: Mapping[str, Any]) -> dict[str, Any]:
+    if not isinstance(config, Mapping):
+        raise TypeError(f"expected a table of a config, such as {{'kind': 'python', 'target': 'module:name'}}, got {config!r}")
+    return dict(config)
+
+
 def _run(role: str, config: Mapping[str, Any], simulator: Mapping[str, Any]) -> list[str]:
-    broken, report = _elo.conformance(role, json.dumps(dict(config)), json.dumps(dict(simulator)))
+    broken, report = _elo.conformance(role, json.dumps(_table(config)), json.dumps(_table(simulator)))
     print(report)
     return broken
 

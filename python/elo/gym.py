@@ -37,6 +37,8 @@ class Environment(gymnasium.Env[Array, Array]):
     """
 
     def __init__(self, config: Mapping[str, Any], task: Mapping[str, float] | None = None) -> None:
+        if not isinstance(config, Mapping):
+            raise TypeError(f"expected a `[simulator]` table, such as {{'kind': 'rapier', 'robot': 'ant'}}, got {config!r}")
         self._config = _json(config)
         self._opened: _elo.Simulator | None = _elo.Simulator(self._config)
         self.elo_spec: dict[str, Any] = json.loads(self._simulator.spec())
@@ -119,7 +121,7 @@ def make(
     defaults. Several at once: `gymnasium.vector.SyncVectorEnv([lambda: make(config)] * n)`; each of them goes on by itself after an
     end, in `task`, whatever `reset(options={"task": ...})` had set.
 
-    Raises ValueError for a config with faults and RuntimeError for an engine that this build lacks.
+    Raises TypeError for what is no table, ValueError for a config with faults and RuntimeError for an engine that this build lacks.
     """
     environment: gymnasium.Env[Array, Array] = Environment(config, task)
     if max_episode_steps is not None:
@@ -162,6 +164,8 @@ class OptionsWrapper(gymnasium.Wrapper[Array, Any, Array, Array]):
         super().__init__(env)
         if not 0.0 < discount <= 1.0:
             raise ValueError(f"`discount` is {discount}, expected a number above 0 and at most 1")
+        if not isinstance(options, OptionSet):
+            raise TypeError(f"`options` is {options!r}, expected an option set, such as `elo.load` gives")
         inner = _matching(env, options)
         self.options, self.discount, self._primitive = options, discount, primitive
         if primitive:

@@ -24,10 +24,10 @@ mod _elo {
     #[pymodule_export]
     use crate::simulators::Simulator;
 
-    /// Version and processor class of this build, which the program `elo` must share.
+    /// Version, processor class and sources of this build, which the program `elo` must share.
     #[pyfunction]
     fn fingerprint() -> String {
-        elo_core::fingerprint::fingerprint()
+        elo_cli::build()
     }
 
     /// Serves units on this process's pipes until the other side closes them.

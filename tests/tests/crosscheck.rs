@@ -12,7 +12,6 @@ use std::sync::{Mutex, OnceLock};
 use elo_core::crew::{Crew, RunError, Staff, Unwatched};
 use elo_core::crosscheck::Crosscheck;
 use elo_core::discover::{Run, discover};
-use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::WorkerProgram;
 use elo_core::run_dir::RunDir;
 use elo_core::worker::{Limits, WorkerFault, WorkerProcess};
@@ -148,7 +147,7 @@ impl Hosts for Counting {
         assert_eq!(*program, WorkerProgram::Beside("elo-wayward-worker"));
         self.0.fetch_add(1, Ordering::SeqCst);
         let command = Command::new(env!("CARGO_BIN_EXE_elo-wayward-worker"));
-        WorkerProcess::spawn(command, &fingerprint(), Limits::default())
+        WorkerProcess::spawn(command, &elo_cli::build(), Limits::default())
     }
 }
 

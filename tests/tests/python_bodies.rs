@@ -8,7 +8,6 @@ use std::process::Command;
 use elo_backends::locomotion::robot::{AliveRule, NAMES, RobotDescription, built_in};
 use elo_cli::hosts::Programs;
 use elo_core::context::{Context, PreparedStart};
-use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::WorkerProgram;
 use elo_core::policy::Unwatched;
 use elo_core::rollout::Horizon;
@@ -70,7 +69,7 @@ fn mujoco_from_rust_and_from_python_is_bit_identical() {
         return skipped(test, &format!("python: {} is missing; run tests/set-up", python.display()));
     }
     let workers = Workers { python: python.to_string_lossy().into_owned(), ..Workers::default() };
-    let mut here = WorkerProcess::spawn(Command::new(ours), &fingerprint(), workers.limits()).unwrap();
+    let mut here = WorkerProcess::spawn(Command::new(ours), &elo_cli::build(), workers.limits()).unwrap();
     let mut there = Programs { workers }.start(&WorkerProgram::Interpreter("python")).unwrap();
     for name in NAMES {
         // A robot that cannot fall goes on for all steps.

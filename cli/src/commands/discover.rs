@@ -14,7 +14,7 @@ use crate::arguments::Discover;
 use crate::commands::plan;
 use crate::exit::Exit;
 use crate::open::{ready_to_run, rehearse, staff, with_crew};
-use crate::output::{print, print_json};
+use crate::output::{print, print_error, print_json};
 use crate::{load, table};
 
 /// Runs or takes up the experiment, then prints what it found.
@@ -30,6 +30,7 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     if folder.exists() && !folder.is_dir() {
         return Err(Exit::BadInput(format!("--out: {} is no folder", folder.display())));
     }
+    warn_of_other_results(&folder, &experiment);
     let report =
         with_crew(&folder, &experiment, staff, |crew| Ok(run_in(&Run::new(&experiment, crew)?)?.1.report))?;
 
@@ -41,11 +42,26 @@ pub fn run(arguments: &Discover, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     }
 }
 
+/// Says so where a run directory has the results of another config.
+fn warn_of_other_results(folder: &Path, experiment: &Experiment) {
+    let there = std::fs::read_to_string(folder.join(results::CONFIG));
+    if there.is_ok_and(|there| resolved(experiment).is_ok_and(|ours| ours != there)) {
+        print_error(&format!(
+            "{}: the results there are of another config; this run will replace them (--out names another folder)",
+            folder.display()
+        ));
+    }
+}
+
+/// The config as it is stored, every default written out.
+fn resolved(experiment: &Experiment) -> Result<String, Exit> {
+    config::show(experiment).map_err(|error| Exit::Failed(error.to_string()))
+}
+
 /// Runs or takes up an experiment in its crew's run directory, and writes its results.
 pub fn run_in(run: &Run<'_>) -> Result<(Discovery, HeldOut), Exit> {
     let Run { experiment, crew, .. } = *run;
-    let resolved = config::show(experiment).map_err(|error| Exit::Failed(error.to_string()))?;
-    crew.run_dir.write_file("experiment.toml", resolved.as_bytes())?;
+    crew.run_dir.write_file("experiment.toml", resolved(experiment)?.as_bytes())?;
     let discovery = discover(experiment, crew)?;
     let held_out = report(run, &discovery)?;
     results::write(run, &discovery, &held_out, &provenance(experiment))?;

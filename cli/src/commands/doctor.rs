@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use elo_core::fingerprint::fingerprint;
 use elo_core::hosted::Hosted;
 use elo_core::plugin::{Plugin, Role};
 use elo_core::simulator::SimulatorConfig;
@@ -15,12 +14,13 @@ use crate::exit::Exit;
 use crate::hosts::{Programs, remedy};
 use crate::load;
 use crate::output::print;
+use crate::worker::build;
 
 /// Looks for every engine and says what it found.
 pub fn run(arguments: &Doctor, plugins: &[&[Plugin]]) -> Result<(), Exit> {
     let workers = arguments.config.as_deref().map_or(Ok(Workers::default()), workers)?;
     let programs = Programs { workers };
-    let mut text = format!("{}\n", fingerprint());
+    let mut text = format!("{}\n", build());
     let simulators =
         plugins.iter().flat_map(|slice| slice.iter()).filter(|plugin| plugin.role == Role::Simulator);
     for plugin in simulators {
@@ -50,7 +50,7 @@ fn finding(config: &dyn SimulatorConfig, programs: &Programs) -> String {
         };
     };
     match programs.start(&program) {
-        Ok(worker) => format!("ready: {}, in the worker {program}", worker.engine()),
+        Ok(worker) => format!("ready: {}, in {program}", worker.engine()),
         Err(fault) => format!("missing: {fault}{}", remedy(&program)),
     }
 }

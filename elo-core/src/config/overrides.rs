@@ -117,13 +117,17 @@ fn find<'a>(tree: &'a mut Value, steps: &[Step]) -> Result<&'a mut Value, Fault>
                     n => format!("the list has [0] to [{}]", n - 1),
                 };
                 let Some(item) = items.get_mut(*index) else {
-                    return fault(format!("has no item [{index}]: {there}"));
+                    return fault(format!(
+                        "has no item [{index}]: {there}; to add one give the whole list, `{path}=[…, …]`"
+                    ));
                 };
                 path = format!("{path}[{index}]");
                 item
             }
             (Step::Key(key), other) => {
-                return fault(format!("expected a table to set `{key}` in, got {}", got(other)));
+                let number = other.is_array() && key.bytes().all(|byte| byte.is_ascii_digit());
+                let hint = if number { format!("; did you mean `{path}[{key}]`?") } else { String::new() };
+                return fault(format!("expected a table to set `{key}` in, got {}{hint}", got(other)));
             }
             (Step::Item(index), other) => {
                 return fault(format!("expected a list to set item [{index}] of, got {}", got(other)));
@@ -149,10 +153,11 @@ fn switch_kind(
     let path = spelled(steps);
     let places = &source.places;
     let mut void = Vec::new();
-    table.retain(|key, _| {
+    table.retain(|key, value| {
         let field = join(&path, key);
         let keep = !old.contains_key(key) || new.contains_key(key) || places.is_overridden(&field);
-        if !keep {
+        // What a run wrote out for a default is nothing that anybody asked for.
+        if !keep && old[key] != *value {
             void.push(field);
         }
         keep

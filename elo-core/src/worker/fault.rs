@@ -68,7 +68,7 @@ pub enum WorkerFault {
     },
     /// It is of another version.
     #[error(
-        "worker `{program}` has {what} `{got}`, expected `{expected}`: program and worker must be of one version"
+        "worker `{program}` has {what} `{got}`, expected `{expected}`: program and worker must be built from the same sources; `tests/set-up` in the repository builds both"
     )]
     Mismatch {
         /// The program.

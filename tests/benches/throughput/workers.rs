@@ -81,7 +81,7 @@ impl Beside {
 impl Hosts for Beside {
     fn start(&self, program: &WorkerProgram) -> Result<WorkerProcess, WorkerFault> {
         let limits = Limits { greeting: Duration::from_secs(60), silence: None, memory_bytes: None };
-        WorkerProcess::spawn(Command::new(Self::path(program)), &fingerprint(), limits)
+        WorkerProcess::spawn(Command::new(Self::path(program)), &elo_cli::build(), limits)
     }
 }
 
