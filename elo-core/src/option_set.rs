@@ -311,6 +311,14 @@ mod tests {
     fn sets_of_other_formats_robots_and_damaged_files_are_refused_with_both_sides_named() {
         let folder = tempfile::tempdir().unwrap();
         assert!(OptionSet::read(folder.path()).unwrap_err().to_string().contains("manifest.json"));
+        let (here, beside) = (folder.path().join("here"), folder.path().join("minimum_mean"));
+        fs::create_dir(&here).unwrap();
+        write(&here, &sample().files());
+        for missing in [&beside, folder.path()] {
+            let text = OptionSet::read(missing).unwrap_err().to_string();
+            let near = format!("is no option set: it has no manifest.json; there is {}", here.display());
+            assert!(text.contains(&near), "{text}");
+        }
 
         let mut later = sample();
         later.manifest.format = 3;

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import elo
+import elo.conformance
 import elo.gym
 import gymnasium
 import numpy as np
@@ -37,6 +38,23 @@ def test_a_set_is_what_its_files_say(option_set: Path) -> None:
         options.act(3, observation, 0)
     with pytest.raises(ValueError, match="has 5 numbers, the set's robot has 26"):
         options.act(0, np.zeros(5), 0)
+
+
+def test_actions_lie_within_the_bounds(closed_loop_run: Path) -> None:
+    """A Gaussian of deviation 1 leaves them often."""
+    options = elo.load(closed_loop_run / "results" / "option_sets" / "maximum_mean")
+    actions = np.array([options.act(0, np.zeros(26), 0, seed) for seed in range(200)])
+    assert (options.action_low <= actions).all() and (actions <= options.action_high).all()
+    assert (np.abs(actions) == 1.0).any()
+
+
+def test_what_is_no_table_or_no_set_is_named(option_set: Path) -> None:
+    with pytest.raises(TypeError, match=r"expected a `\[simulator\]` table, such as .*, got 'ant'"):
+        elo.gym.make("ant")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="expected a table of a config, .*, got 'a:b'"):
+        elo.conformance.metric("a:b")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="`options` is .*, expected an option set"):
+        elo.gym.OptionsWrapper(elo.gym.make(RAPIER), str(option_set))  # type: ignore[arg-type]
 
 
 def test_what_options_cannot_take_is_refused(option_set: Path, closed_loop_run: Path) -> None:
@@ -182,8 +200,11 @@ def test_options_with_interests_are_what_their_tensors_say(closed_loop_run: Path
         assert options.termination(i, observation, 5) == pytest.approx(float(found[f"{i}.ending"][0]))
         actions = np.array([options.act(i, observation, 0, seed) for seed in range(1000)])
         means, deviations = network(found, f"{i}.policy/", observation), np.exp(found[f"{i}.log_std"])
-        assert np.all(np.abs(actions.mean(0) - means) < 5.0 * deviations / np.sqrt(1000))
-        assert actions.std(0) == pytest.approx(deviations, rel=0.15)
+        # Of a clipped Gaussian.
+        draws = means + deviations * np.random.default_rng(3).normal(size=(100_000, len(means)))
+        expected = np.clip(draws, options.action_low, options.action_high)
+        assert np.all(np.abs(actions.mean(0) - expected.mean(0)) < 5.0 * expected.std(0) / np.sqrt(1000))
+        assert actions.std(0) == pytest.approx(expected.std(0), rel=0.15)
 
     # Drawn by interest: the infant agent.
     generator = np.random.default_rng(2)

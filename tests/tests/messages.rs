@@ -250,7 +250,8 @@ const CASES: &[Case] = &[
         changes: &[],
         arguments: &["discover", "toy.toml", "--out", "never", "--set", "metrics[7].k=1"],
         code: 2,
-        stderr: "elo: --set metrics[7].k=1: `metrics`: has no item [7]: the list has [0] to [1]",
+        stderr: "elo: --set metrics[7].k=1: `metrics`: has no item [7]: the list has [0] to [1]; to add one give the \
+                 whole list, `metrics=[…, …]`",
     },
     Case {
         what: "no workers",
@@ -268,6 +269,13 @@ const CASES: &[Case] = &[
                  For more information, try '--help'.",
     },
     Case {
+        what: "run directory in a file",
+        changes: &[],
+        arguments: &["discover", "toy.toml", "--out", "file/run"],
+        code: 2,
+        stderr: "elo: cannot use `file/run` as a run directory: Not a directory (os error 20)",
+    },
+    Case {
         what: "run directory is a file",
         changes: &[],
         arguments: &["discover", "toy.toml", "--out", "file"],
@@ -279,7 +287,8 @@ const CASES: &[Case] = &[
         changes: &[],
         arguments: &["evaluate", "nowhere"],
         code: 2,
-        stderr: "elo: nowhere/manifest.json: No such file or directory (os error 2)",
+        stderr: "elo: nowhere: is no option set: it has no manifest.json; `elo discover` writes option sets to \
+                 RUN/results/option_sets/METRIC",
     },
     Case {
         what: "option set of a later format",

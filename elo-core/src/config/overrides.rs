@@ -157,7 +157,7 @@ fn switch_kind(
         let field = join(&path, key);
         let keep = !old.contains_key(key) || new.contains_key(key) || places.is_overridden(&field);
         // What a run wrote out for a default is nothing that anybody asked for.
-        if !keep && old[key] != *value {
+        if !keep && old[key].get("default") != Some(&*value) {
             void.push(field);
         }
         keep
@@ -262,8 +262,18 @@ alpha = 2.0
             ("metrics[+1].k=3", "\"metrics[+1].k\" is no path of a field, such as `metrics[1].k`"),
             ("metrics[1.k=3", "\"metrics[1.k\" is no path of a field, such as `metrics[1].k`"),
             ("metrics[1]k=3", "\"metrics[1]k\" is no path of a field, such as `metrics[1].k`"),
-            ("metrics[2].k=3", "`metrics`: has no item [2]: the list has [0] to [1]"),
-            ("extra.layers[0]=a", "`extra.layers`: has no item [0]: the list is empty"),
+            (
+                "metrics[2].k=3",
+                "`metrics`: has no item [2]: the list has [0] to [1]; to add one give the whole list, `metrics=[…, …]`",
+            ),
+            (
+                "extra.layers[0]=a",
+                "`extra.layers`: has no item [0]: the list is empty; to add one give the whole list, `extra.layers=[…, …]`",
+            ),
+            (
+                "metrics.1.k=3",
+                "`metrics`: expected a table to set `1` in, got a list of 2 items; did you mean `metrics[1]`?",
+            ),
             ("seed.x=3", "`seed`: expected a table to set `x` in, got 1"),
             ("simulator[0]=3", "`simulator`: expected a list to set item [0] of, got a table"),
             ("seed=", "`seed`: has no value after `=`; write \"\" for empty text"),
@@ -310,6 +320,11 @@ alpha = 2.0
             ]
         );
         assert!(set(&["metrics[1].kind=negative_tail"]).unwrap().notices.is_empty());
+        // As a run writes it out.
+        let default = BASE.replace("alpha = 2.0", "alpha = 1.0");
+        let overrides = ["metrics[1].kind=positive_skew".to_owned()];
+        let reading = read::<Toy>(&default, Path::new("x"), &overrides, ALL).unwrap();
+        assert!(reading.notices.is_empty(), "{:?}", reading.notices);
     }
 
     #[test]
