@@ -72,7 +72,7 @@ pub struct Discover {
     /// Run directory [default: runs/ and the config's name]. Work that is already there is not done again.
     #[arg(long)]
     pub out: Option<PathBuf>,
-    /// Change a field, e.g. --set simulator.kind=mujoco; may be repeated.
+    /// Change a field, e.g. --set simulator.kind=mujoco; may be repeated. Paths are relative to the config, as in the file.
     #[arg(long = "set", value_name = "FIELD=VALUE")]
     pub overrides: Vec<String>,
     /// Units of work under way at once [default: one a processor]. Results do not depend on it.
@@ -185,7 +185,7 @@ pub struct Reproduce {
     /// Change a field of every config, e.g. --set teacher.steps=1000000; may be repeated. Another folder should go with it.
     #[arg(long = "set", value_name = "FIELD=VALUE")]
     pub overrides: Vec<String>,
-    /// Whole pipelines with seeds 1, 2, …; from two on, intervals are over them.
+    /// Whole pipelines with seeds 1, 2, …; from three on, intervals are over them, and two show their range.
     #[arg(long, default_value_t = 1)]
     pub seeds: u64,
     /// Where the run directories and the results go.

@@ -302,7 +302,7 @@ def shares(options):
 
 def parts(options):
     """What a set's options do in it: shares of the draws, information, actions."""
-    return shares(options), f"{float(options[0]['information']):.2f}", float(options[0]["actions"])
+    return shares(options), f"{max(0.0, float(options[0]['information'])):.2f}", float(options[0]["actions"])
 
 
 def options(runs):

@@ -47,8 +47,14 @@ pub fn unchanged<T: PartialEq + Debug>(target: &str, now: &T, then: &T) -> Resul
     if now == then {
         return Ok(());
     }
+    let (now, then) = (format!("{now:#?}"), format!("{then:#?}"));
+    let field = |line: &str| line.trim().trim_end_matches(',').to_owned();
+    let differ = now.lines().zip(then.lines()).filter(|(now, then)| now != then);
+    let differ: Vec<String> =
+        differ.map(|(now, then)| format!("{} instead of {}", field(now), field(then))).collect();
+    let differ = differ.join(", ");
     Err(BuildError::Code(format!(
-        "`{target}` is not what it was when the config was read: {now:?} instead of {then:?}; run again to use it as it is now"
+        "`{target}` is not what it was when the config was read: {differ}; run again to use it as it is now"
     )))
 }
 

@@ -322,7 +322,9 @@ mod tests {
         assert_eq!(with("kind = 3"), [format!("4: `simulator.kind`: {unknown} 3")]);
         assert_eq!(
             said("seed = 1\nmetrics = []\nsimulator = 'point_mass'"),
-            ["3: `simulator`: expected a table with the `kind` of a simulator, got the text \"point_mass\""]
+            [
+                "3: `simulator`: expected a table with the `kind` of a simulator (point_mass), got the text \"point_mass\""
+            ]
         );
     }
 

@@ -31,7 +31,7 @@ pub(super) fn expected(document: &Document, schema: &Value) -> String {
     let schema = document.follow(schema);
     if let Some(role) = role(schema) {
         let article = if role.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
-        return format!("a table with the `kind` of {article} {role}");
+        return format!("a table with the `kind` of {article} {role} ({})", document.kinds(role).join(", "));
     }
     if let Some(words) = words(document, schema) {
         return one_of(&words);
