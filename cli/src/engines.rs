@@ -100,10 +100,7 @@ fn on_simulator(config: &Path, simulator: &str, plugins: &[&[Plugin]]) -> Result
 
 /// A fault of the run's config on another simulator.
 fn of_the_run(exit: Exit) -> Exit {
-    match exit {
-        Exit::BadInput(text) => Exit::BadInput(format!(
-            "{text}\n--simulator takes the place of the run's [simulator], and its other tables stay: it must be the same robot"
-        )),
-        other => other,
-    }
+    exit.with_hint(
+        "--simulator takes the place of the run's [simulator], and its other tables stay: it must be the same robot",
+    )
 }

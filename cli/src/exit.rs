@@ -26,6 +26,14 @@ pub enum Exit {
 }
 
 impl Exit {
+    /// Bad input with another line that says what to do; anything else as it is.
+    pub fn with_hint(self, hint: &str) -> Self {
+        match self {
+            Self::BadInput(message) => Self::BadInput(format!("{message}\n{hint}")),
+            other => other,
+        }
+    }
+
     /// Prints the message, if any, and gives the process's code.
     pub fn code(done: Result<(), Self>) -> ExitCode {
         let Err(exit) = done else { return ExitCode::SUCCESS };

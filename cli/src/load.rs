@@ -28,12 +28,15 @@ pub fn experiment(path: &Path, overrides: &[String], plugins: &[&[Plugin]]) -> R
 
 /// Reads the experiment that the results of a run directory are of.
 pub fn of_run(folder: &Path, plugins: &[&[Plugin]]) -> Result<Experiment, Exit> {
-    experiment(&config_of_run(folder)?, &[], plugins).map_err(|exit| match exit {
+    experiment(&config_of_run(folder)?, &[], plugins).map_err(|exit| {
         // The program that wrote it knew every kind in it.
-        Exit::BadInput(text) if text.contains("`: expected a kind of ") => Exit::BadInput(format!(
-            "{text}\nthe run was made by a program with plugins that this one has not: use that program"
-        )),
-        other => other,
+        if exit.to_string().contains("`: expected a kind of ") {
+            exit.with_hint(
+                "the run was made by a program with plugins that this one has not: use that program",
+            )
+        } else {
+            exit
+        }
     })
 }
 

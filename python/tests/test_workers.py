@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Discover
-from test_simulators import MASS, TAUGHT, failures, wrong
+from test_simulators import MASS, TAUGHT, failures, same, wrong
 
 
 def test_the_working_directory_shadows_no_module(discover: Discover, tmp_path: Path) -> None:
@@ -92,11 +92,7 @@ def test_a_rollout_that_crashes_each_time_is_recorded(discover: Discover, tmp_pa
     assert rows and {(row["table"], int(row["row"]), int(row["context"])) for row in lost} == rows
     # The interpreter's words name its threads by address, which are others in each process.
     assert discover(simulator, *TAUGHT, *sizes, "--workers", "1", out="again").returncode == 0
-    assert contents(tmp_path / "again" / "results") == contents(tmp_path / "run" / "results")
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert same(tmp_path / "again" / "results", tmp_path / "run" / "results")
 
 
 def crashing_rows(results: Path) -> set[tuple[str, int, int]]:

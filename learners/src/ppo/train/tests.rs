@@ -107,25 +107,36 @@ fn learned(end: End, max_episode_steps: u64) -> (f64, f64) {
         d0_share: 0.0,
         ..PpoConfig::default()
     };
+    taken_up(&config, &Steady { end }, |training, progress| {
+        for _ in 0..config.iterations() {
+            training.iterate(progress, &mut Unwatched).unwrap();
+        }
+        let mut value = [0.0];
+        let mut observation = [0.0];
+        progress.record.moments.normalizer().apply(&[0.5], &mut observation);
+        progress.learner.critic.forward_one(&observation, &mut Scratch::default(), &mut value);
+        let factor = progress.record.scaler.factor();
+        (f64::from(value[0]) / factor, factor)
+    })
+}
+
+/// What `act` makes of a training that was taken up before its first iteration, without starts from `d0`.
+fn taken_up<T>(
+    config: &PpoConfig,
+    simulator: &dyn SimulatorConfig,
+    act: impl FnOnce(&mut Training<'_>, &mut Progress) -> T,
+) -> T {
     let (task, initial_states) = (Task::default(), InitialStates::default());
-    let lesson = Lesson {
-        simulator: &Steady { end },
-        task: &task,
-        initial_states: &initial_states,
-        seed: Seed::root(1),
-    };
-    let mut training = Training::new(&config, &lesson).unwrap();
-    let mut progress = Progress::new(&config, &training.spec, &lesson.seed);
+    let lesson = Lesson { simulator, task: &task, initial_states: &initial_states, seed: Seed::root(1) };
+    let mut training = Training::new(config, &lesson).unwrap();
+    let mut progress = Progress::new(config, &training.spec, &lesson.seed);
     training.take_up(&mut progress, &mut Unwatched).unwrap();
-    for _ in 0..config.iterations() {
-        training.iterate(&mut progress, &mut Unwatched).unwrap();
-    }
-    let mut value = [0.0];
-    let mut observation = [0.0];
-    progress.record.moments.normalizer().apply(&[0.5], &mut observation);
-    progress.learner.critic.forward_one(&observation, &mut Scratch::default(), &mut value);
-    let factor = progress.record.scaler.factor();
-    (f64::from(value[0]) / factor, factor)
+    act(&mut training, &mut progress)
+}
+
+/// Two iterations of 32 steps.
+fn two_iterations() -> PpoConfig {
+    PpoConfig { steps: 64, rollout_steps: 32, minibatch: 32, hidden: vec![8], ..PpoConfig::default() }
 }
 
 #[test]
@@ -160,14 +171,7 @@ impl Monitor for Words {
 
 #[test]
 fn a_training_in_a_slow_environment_says_so_at_each_start_and_within_an_iteration() {
-    let config = PpoConfig {
-        steps: 64,
-        rollout_steps: 32,
-        minibatch: 32,
-        hidden: vec![8],
-        d0_pool: 7,
-        ..PpoConfig::default()
-    };
+    let config = PpoConfig { d0_pool: 7, ..two_iterations() };
     let (task, initial_states) = (Task::default(), InitialStates::default());
     let slow = Slow { milliseconds: 10 };
     let lesson =
@@ -189,36 +193,23 @@ fn a_training_in_a_slow_environment_says_so_at_each_start_and_within_an_iteratio
 
 #[test]
 fn an_observation_is_normalised_by_all_until_it_and_a_policy_goes_with_all_that_were_seen() {
-    let config = PpoConfig {
-        steps: 64,
-        rollout_steps: 32,
-        minibatch: 32,
-        hidden: vec![8],
-        d0_share: 0.0,
-        snapshots: 1,
-        ..PpoConfig::default()
-    };
-    let (task, initial_states) = (Task::default(), InitialStates::default());
-    let world = PointMassConfig::default();
-    let lesson =
-        Lesson { simulator: &world, task: &task, initial_states: &initial_states, seed: Seed::root(1) };
-    let mut training = Training::new(&config, &lesson).unwrap();
-    let mut progress = Progress::new(&config, &training.spec, &lesson.seed);
-    training.take_up(&mut progress, &mut Unwatched).unwrap();
-    training.iterate(&mut progress, &mut Unwatched).unwrap();
-    // The first is the mean of itself; the second lies one deviation from the mean of two, or nowhere.
-    let (first, rest) = training.experience.observations.split_at(training.spec.observation_size);
-    let second = &rest[..first.len()];
-    assert!(first.iter().all(|x| *x == 0.0), "{first:?}");
-    assert!(second.iter().all(|x| *x == 0.0 || (0.9..=1.0).contains(&x.abs())), "{second:?}");
-    assert!(second.iter().any(|x| *x != 0.0), "{second:?}");
+    let config = PpoConfig { d0_share: 0.0, snapshots: 1, ..two_iterations() };
+    taken_up(&config, &PointMassConfig::default(), |training, progress| {
+        training.iterate(progress, &mut Unwatched).unwrap();
+        // The first is the mean of itself; the second lies one deviation from the mean of two, or nowhere.
+        let (first, rest) = training.experience.observations.split_at(training.spec.observation_size);
+        let second = &rest[..first.len()];
+        assert!(first.iter().all(|x| *x == 0.0), "{first:?}");
+        assert!(second.iter().all(|x| *x == 0.0 || (0.9..=1.0).contains(&x.abs())), "{second:?}");
+        assert!(second.iter().any(|x| *x != 0.0), "{second:?}");
 
-    training.iterate(&mut progress, &mut Unwatched).unwrap();
-    let kept = &progress.snapshots.last().unwrap().policy;
-    assert_eq!(progress.record.moments.count(), 64);
-    let normalizer = progress.record.moments.normalizer();
-    assert_eq!(kept.get("observation_mean").unwrap().data, normalizer.means);
-    assert_eq!(kept.get("observation_scale").unwrap().data, normalizer.scales);
+        training.iterate(progress, &mut Unwatched).unwrap();
+        let kept = &progress.snapshots.last().unwrap().policy;
+        assert_eq!(progress.record.moments.count(), 64);
+        let normalizer = progress.record.moments.normalizer();
+        assert_eq!(kept.get("observation_mean").unwrap().data, normalizer.means);
+        assert_eq!(kept.get("observation_scale").unwrap().data, normalizer.scales);
+    });
 }
 
 #[test]
