@@ -7,7 +7,7 @@ use super::practice::Experience;
 use super::train::Signals;
 use crate::kernels::clipped_surrogate::{SurrogateBatch, clipped_surrogate};
 use crate::kernels::value_loss::value_loss;
-use crate::nn::GaussianBatch;
+use crate::nn::{GaussianBatch, gather};
 
 /// Some steps of an iteration.
 #[derive(Clone, Copy)]
@@ -43,14 +43,13 @@ impl Batch<'_> {
             policy.means.no_gradient();
             return 0.0;
         }
-        let means =
-            policy.means.forward(&gather(&experience.observations, experience.steps.len(), &rows)).to_vec();
-        let actions = gather(&experience.actions, experience.steps.len(), &rows);
-        let head = GaussianBatch { means: &means, log_std: &policy.log_std, actions: &actions };
+        let means = policy.means.forward_rows(&experience.observations, &rows);
+        let actions = rows_of(&experience.actions, policy.log_std.len(), &rows);
+        let head = GaussianBatch { means, log_std: &policy.log_std, actions: &actions };
         let mut log_probs = vec![0.0; rows.len()];
         head.log_probs(&mut log_probs);
         let (d_log_probs, moved) = self.surrogate(&rows, &log_probs, &experience.log_probs, &signals.actions);
-        let mut d_means = vec![0.0; means.len()];
+        let mut d_means = vec![0.0; actions.len()];
         head.backward(&d_log_probs, &mut d_means, &mut policy.log_std_gradient);
         policy.means.backward(&d_means);
         moved
@@ -97,12 +96,11 @@ impl Batch<'_> {
     fn differentiate_critic(&self, critic: &mut Net) {
         let Self { experience, signals, rows, .. } = *self;
         let options = critic.network.output_size();
-        let inputs = gather(&experience.critic_inputs, experience.steps.len(), rows);
-        let all = critic.forward(&inputs);
+        let all = critic.forward_rows(&experience.critic_inputs, rows);
         let values: Vec<f32> =
             rows.iter().zip(all.chunks_exact(options)).map(|(&row, q)| q[experience.options[row]]).collect();
         let mut d_values = vec![0.0; rows.len()];
-        value_loss(&values, &gather(signals.targets, experience.steps.len(), rows), &mut d_values);
+        value_loss(&values, &rows_of(signals.targets, 1, rows), &mut d_values);
         let mut d_all = vec![0.0; rows.len() * options];
         for ((&row, d_row), d) in rows.iter().zip(d_all.chunks_exact_mut(options)).zip(d_values) {
             d_row[experience.options[row]] = d;
@@ -128,11 +126,10 @@ impl Batch<'_> {
         old: &[f32],
         advantages: &[f32],
     ) -> (Vec<f32>, f32) {
-        let count = self.experience.steps.len();
         let decisions = SurrogateBatch {
             log_probs,
-            old_log_probs: &gather(old, count, rows),
-            advantages: &gather(advantages, count, rows),
+            old_log_probs: &rows_of(old, 1, rows),
+            advantages: &rows_of(advantages, 1, rows),
         };
         let mut d_log_probs = vec![0.0; rows.len()];
         let surrogate = clipped_surrogate(&decisions, self.config.clip as f32, &mut d_log_probs);
@@ -158,13 +155,18 @@ pub(super) fn usage(
 
 /// What the interests say of the states of `rows`, one row of `K` numbers each.
 fn log_interests(interests: &mut [Net], experience: &Experience, rows: &[usize]) -> Vec<f64> {
-    let inputs = gather(&experience.observations, experience.steps.len(), rows);
-    let columns: Vec<Vec<f32>> = interests.iter_mut().map(|net| net.forward(&inputs).to_vec()).collect();
-    (0..rows.len()).flat_map(|i| columns.iter().map(move |column| f64::from(column[i]))).collect()
+    let options = interests.len();
+    let mut all = vec![0.0; rows.len() * options];
+    for (option, net) in interests.iter_mut().enumerate() {
+        let column = net.forward_rows(&experience.observations, rows);
+        all.chunks_exact_mut(options).zip(column).for_each(|(z, output)| z[option] = f64::from(*output));
+    }
+    all
 }
 
-/// Copies rows of a table of `count` rows.
-fn gather(table: &[f32], count: usize, rows: &[usize]) -> Vec<f32> {
-    let width = table.len() / count;
-    rows.iter().flat_map(|&row| &table[row * width..][..width]).copied().collect()
+/// A copy of rows of a table, each `width` numbers.
+fn rows_of(table: &[f32], width: usize, rows: &[usize]) -> Vec<f32> {
+    let mut copy = vec![0.0; rows.len() * width];
+    gather(table, width, rows, &mut copy);
+    copy
 }

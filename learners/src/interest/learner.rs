@@ -43,6 +43,12 @@ impl Net {
         self.network.forward(inputs, &mut self.activations)
     }
 
+    /// The outputs for rows of a table of inputs.
+    pub fn forward_rows(&mut self, table: &[f32], rows: &[usize]) -> &[f32] {
+        self.activations.gather(table, rows);
+        self.network.forward_loaded(&mut self.activations)
+    }
+
     /// Keeps the gradient of a loss whose derivatives by the outputs of the last forward pass are `d_output`.
     pub fn backward(&mut self, d_output: &[f32]) {
         self.gradient.fill(0.0);

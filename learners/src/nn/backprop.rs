@@ -37,6 +37,11 @@ impl Activations {
         &mut self.values[0]
     }
 
+    /// Takes rows of a table, as wide as an input, for the next [`Mlp::forward_loaded`].
+    pub(crate) fn gather(&mut self, table: &[f32], rows: &[usize]) {
+        gather(table, self.sizes[0], rows, self.input_mut(rows.len()));
+    }
+
     /// The inputs of the last forward pass, `batch × input`.
     pub fn input(&self) -> &[f32] {
         &self.values[0]
@@ -45,6 +50,13 @@ impl Activations {
     /// The outputs of the last forward pass, `batch × output`.
     pub fn output(&self) -> &[f32] {
         &self.values[self.values.len() - 1]
+    }
+}
+
+/// Copies rows of a table, `width` numbers each.
+pub(crate) fn gather(table: &[f32], width: usize, rows: &[usize], to: &mut [f32]) {
+    for (to, &row) in to.chunks_exact_mut(width).zip(rows) {
+        to.copy_from_slice(&table[row * width..][..width]);
     }
 }
 
@@ -266,6 +278,19 @@ mod tests {
         for (once, twice) in once.iter().zip(&twice) {
             assert!((twice - 2.0 * once).abs() < 1e-6, "{once} once, {twice} twice");
         }
+    }
+
+    #[test]
+    fn rows_of_a_table_are_inputs_in_the_order_asked_for() {
+        let network = network(&[2, 3]);
+        let mut activations = network.activations();
+        activations.gather(&[0.0, 1.0, 10.0, 11.0, 20.0, 21.0], &[2, 0, 2]);
+        assert_eq!(activations.input(), [20.0, 21.0, 0.0, 1.0, 20.0, 21.0]);
+        let expected =
+            network.forward(&[20.0, 21.0, 0.0, 1.0, 20.0, 21.0], &mut network.activations()).to_vec();
+        assert_eq!(network.forward_loaded(&mut activations), expected);
+        activations.gather(&[0.0, 1.0], &[]);
+        assert!(network.forward_loaded(&mut activations).is_empty());
     }
 
     #[test]

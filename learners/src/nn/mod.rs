@@ -48,6 +48,7 @@ mod tanh;
 
 pub use adam::{Adam, AdamState, AdamStateError};
 pub use backprop::Activations;
+pub(crate) use backprop::gather;
 pub(crate) use gaussian::lost_aim;
 pub use gaussian::{DiagonalGaussian, GaussianBatch};
 pub use grad_norm::clip_grad_norm;

@@ -3,7 +3,7 @@
 use super::config::PpoConfig;
 use super::learner::Learner;
 use crate::kernels::gae::StepEnd;
-use crate::nn::Activations;
+use crate::nn::{Activations, gather};
 
 /// One iteration's steps, environment after environment: row `e · T + t` is step `t` of environment `e`.
 #[derive(Clone, Debug)]
@@ -88,19 +88,11 @@ impl Minibatch {
     /// Copies `rows` of `experience`, as many as there is room for.
     pub fn gather(&mut self, experience: &Experience, rows: &[usize]) {
         for activations in &mut self.activations {
-            gather_rows(&experience.observations, rows, activations.input_mut(rows.len()));
+            activations.gather(&experience.observations, rows);
         }
-        gather_rows(&experience.actions, rows, &mut self.actions);
-        gather_rows(&experience.log_probs, rows, &mut self.old_log_probs);
-        gather_rows(&experience.advantages, rows, &mut self.advantages);
-        gather_rows(&experience.targets, rows, &mut self.targets);
-    }
-}
-
-/// Copies rows as wide as `to` has room for.
-fn gather_rows(from: &[f32], rows: &[usize], to: &mut [f32]) {
-    let width = to.len() / rows.len();
-    for (to, &row) in to.chunks_exact_mut(width).zip(rows) {
-        to.copy_from_slice(&from[row * width..][..width]);
+        gather(&experience.actions, self.actions.len() / rows.len(), rows, &mut self.actions);
+        gather(&experience.log_probs, 1, rows, &mut self.old_log_probs);
+        gather(&experience.advantages, 1, rows, &mut self.advantages);
+        gather(&experience.targets, 1, rows, &mut self.targets);
     }
 }
