@@ -134,7 +134,7 @@ pub fn beside(all: &[Beside]) -> String {
         let ours = one.ours.map_or("-".to_owned(), |ours| interval(&ours, digits));
         let paper = one.paper.map_or("-".to_owned(), |paper| format!("{paper:.digits$}"));
         let note = one.note.as_deref().map_or(String::new(), |note| format!(" ({note})"));
-        let _ = writeln!(text, "{:<58} {ours:>26}   paper {paper:>7}   {} {note}", one.figure, one.remark());
+        let _ = writeln!(text, "{:<58} {ours:>26}   paper {paper:>7}   {}{note}", one.figure, one.remark());
     }
     text
 }

@@ -82,13 +82,13 @@ impl Beside {
     /// How ours stands to the paper's, in words.
     pub fn remark(&self) -> &'static str {
         match (&self.ours, self.paper) {
+            (None, Some(_)) => "not defined here",
             _ if !self.comparable => "another normalisation",
             (Some(_), Some(_)) if self.seeds.len() == 2 => "two seeds are too few to tell",
             (Some(_), Some(_)) if self.seeds.len() < self.runs => "one seed is too few to tell",
             (Some(ours), Some(paper)) if ours.contains(paper) => "the paper's is within",
             (Some(ours), Some(paper)) if ours.low > paper => "above the paper's",
             (Some(_), Some(_)) => "below the paper's",
-            (None, Some(_)) => "not defined here",
             (_, None) => "",
         }
     }
@@ -145,7 +145,7 @@ impl Over<'_> {
         };
         let runs = self.runs.len();
         let missing = runs - found.len();
-        let note = (missing > 0).then(|| format!("not defined in {missing} of {runs} runs"));
+        let note = (0 < missing && missing < runs).then(|| format!("not defined in {missing} of {runs} runs"));
         Beside { figure: figure.to_owned(), seeds, ours, note, paper, runs, digits, comparable }
     }
 

@@ -53,7 +53,8 @@ impl Watcher for Progress {
         });
         if bar.is_none() {
             let before = if ready == 0 { String::new() } else { format!(", {ready} done before") };
-            print_error(&format!("{stage}: {units} units{before}"));
+            let noun = if units == 1 { "unit" } else { "units" };
+            print_error(&format!("{stage}: {units} {noun}{before}"));
         }
         let (now, first) = (Instant::now(), ready as f64);
         let stage = Stage { bar, units, first, done: first, begun: now, told: now };

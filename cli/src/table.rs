@@ -14,7 +14,7 @@ use elo_core::reprice::Repriced;
 use elo_core::returns::Scale;
 use elo_core::statistics::bootstrap::Interval;
 
-use crate::format::{COLUMNS, RETURN_DIGITS, SCORE_DIGITS, SHARE_DIGITS, interval, percent};
+use crate::format::{COLUMNS, RETURN_DIGITS, SCORE_DIGITS, SHARE_DIGITS, interval, number, percent};
 
 /// The table that `elo discover` ends with.
 pub fn report(report: &Report, confidence: f64) -> String {
@@ -89,7 +89,10 @@ fn candidates(report: &Report) -> String {
         if trained == all { format!("{all} teachers") } else { format!("{trained} of {all} teachers") };
     let text = match report.candidates.teacher_return {
         Some(recorded) => {
-            format!("{teachers} (mean return while recorded {recorded:.1}), {usable} candidate options")
+            format!(
+                "{teachers} (mean return while recorded {}), {usable} candidate options",
+                number(recorded, RETURN_DIGITS)
+            )
         }
         None => format!("{teachers}, {usable} candidate sets learned by practice"),
     };
@@ -142,7 +145,8 @@ pub fn crosscheck(found: &Crosscheck) -> String {
         let average = engine.scores.iter().sum::<f64>() / engine.scores.len().max(1) as f64;
         let _ = writeln!(
             text,
-            "{name:<12} mean return of all candidates {average:.1}, best {}, {:.1} % of rollouts failed{}",
+            "{name:<12} mean return of all candidates {}, best {}, {:.1} % of rollouts failed{}",
+            number(average, RETURN_DIGITS),
             list(&engine.best),
             engine.failures * 100.0,
             if engine.same_starts {
@@ -194,7 +198,7 @@ pub fn crosscheck(found: &Crosscheck) -> String {
             ),
         };
     }
-    let scores: Vec<String> = robust_scores.iter().map(|score| format!("{score:.1}")).collect();
+    let scores: Vec<String> = robust_scores.iter().map(|score| number(*score, RETURN_DIGITS)).collect();
     let _ = writeln!(
         text,
         "\nbest by the worst engine: {} (worst mean returns {})",
@@ -285,7 +289,8 @@ pub fn compared(found: &RunComparison, names: &[String; 2]) -> String {
         heading(&mut text, NAMES);
         line(&mut text, NAMES, &format!("1: {first}"), &pair.first);
         line(&mut text, NAMES, &format!("2: {second}"), &pair.second);
-        let (returns, falls) = (interval(&pair.difference, 1), interval(&pair.falls, 3));
+        let (returns, falls) =
+            (interval(&pair.difference, RETURN_DIGITS), interval(&pair.falls, SCORE_DIGITS));
         let _ = writeln!(text, "{:<NAMES$} {returns:>24}", "return, 2 minus 1");
         let _ = writeln!(text, "{:<NAMES$} {falls:>24}", "share of falls, 2 minus 1");
     }

@@ -53,6 +53,7 @@ fn every_config_is_without_faults_and_shows_itself_as_it_is() {
         "walker2d-quick",
         "hopper-quick",
         "paper/ant",
+        "closed-loop/quick",
         "own-plugins/cart-pole",
     ] {
         assert!(found.contains(&examples().join(format!("{name}.toml"))), "{name} is gone: {found:?}");

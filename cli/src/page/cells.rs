@@ -4,7 +4,7 @@ use elo_core::figures::Row;
 use elo_core::statistics::bootstrap::Interval;
 use maud::{Markup, html};
 
-use crate::format::{COLUMNS, interval, percent};
+use crate::format::{self, COLUMNS, Digits, interval, percent};
 
 /// Where a figure stands: a file of `results/` and a JSON pointer into it.
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ impl At {
 }
 
 /// An interval in a sentence.
-pub fn figure(value: &Interval, digits: usize, at: &At) -> Markup {
+pub fn figure(value: &Interval, digits: impl Into<Digits>, at: &At) -> Markup {
     let text = interval(value, digits);
     let (estimate, range) = text.split_once(' ').unwrap_or((&text, ""));
     html! {
@@ -44,8 +44,8 @@ pub fn figure(value: &Interval, digits: usize, at: &At) -> Markup {
 }
 
 /// A single number in a sentence.
-pub fn number(value: f64, digits: usize, at: &At) -> Markup {
-    html! { span.figure data-at=(at.0) data-value=(value) { (format!("{value:.digits$}")) } }
+pub fn number(value: f64, digits: impl Into<Digits>, at: &At) -> Markup {
+    html! { span.figure data-at=(at.0) data-value=(value) { (format::number(value, digits)) } }
 }
 
 /// A share of rollouts, in percent, in a sentence.
@@ -59,12 +59,12 @@ pub fn share(value: &Interval, at: &At) -> Markup {
 }
 
 /// An interval in a table.
-pub fn cell(value: &Interval, digits: usize, at: &At) -> Markup {
+pub fn cell(value: &Interval, digits: impl Into<Digits>, at: &At) -> Markup {
     html! { td { (figure(value, digits, at)) } }
 }
 
 /// A single number in a table.
-pub fn number_cell(value: f64, digits: usize, at: &At) -> Markup {
+pub fn number_cell(value: f64, digits: impl Into<Digits>, at: &At) -> Markup {
     html! { td { (number(value, digits, at)) } }
 }
 

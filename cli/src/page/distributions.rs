@@ -9,6 +9,7 @@ use maud::{Markup, html};
 
 use super::chart::{Chart, Rug, colour, csv, layout, nice_step, nth_colour, padded};
 use super::sheet::{Part, Section, Sheet};
+use crate::format::{self, RETURN_DIGITS};
 
 /// Places along x at which a curve is drawn.
 const POINTS: usize = 240;
@@ -25,7 +26,7 @@ pub fn section(sheet: &mut Sheet<'_>) -> Section {
                 p {
                     "Every rollout in the held-out contexts. Each curve is scaled to its own peak, and each stroke below it "
                     "is one return. Dashed lines are where the tails begin: "
-                    @for (place, name) in thresholds(sheet) { (name) " is a return of " (format!("{place:.1}")) "; " }
+                    @for (place, name) in thresholds(sheet) { (name) " is a return of " (format::number(place, RETURN_DIGITS)) "; " }
                     "both are from the selecting contexts."
                 }
                 (density)

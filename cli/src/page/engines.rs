@@ -9,7 +9,7 @@ use super::cells::{At, cell, number, number_cell, table};
 use super::chart::{Chart, colour, csv, layout, nice_step, padded};
 use super::sheet::{Part, Section, Sheet};
 use super::tails::numbers;
-use crate::format::{RETURN_DIGITS, SHARE_DIGITS, percent};
+use crate::format::{self, RETURN_DIGITS, SHARE_DIGITS, percent};
 
 /// The section.
 pub fn section(sheet: &mut Sheet<'_>) -> Section {
@@ -33,7 +33,7 @@ fn whole(sheet: &mut Sheet<'_>, found: &Crosscheck) -> Markup {
             @for (engine, name) in found.engines.iter().zip(found.names()) {
                 tr {
                     th scope="row" { (name) small.note { (engine.engine.version) } }
-                    td { (format!("{:.1}", engine.scores.iter().sum::<f64>() / engine.scores.len().max(1) as f64)) }
+                    td { (format::number(engine.scores.iter().sum::<f64>() / engine.scores.len().max(1) as f64, RETURN_DIGITS)) }
                     td.text { (numbers(&engine.best)) }
                     td {
                         (percent(engine.failures, 1)) " %"

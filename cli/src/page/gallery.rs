@@ -60,7 +60,7 @@ fn parts(parts: &[OptionPart], at: &At) -> Markup {
                 tr {
                     th scope="row" { (option) }
                     (number_cell(part.share, SHARE_DIGITS, &at.then(option).then("share")))
-                    (number_cell(part.steps, RETURN_DIGITS, &at.then(option).then("steps")))
+                    (number_cell(part.steps, 1, &at.then(option).then("steps")))
                 }
             }
         },

@@ -174,10 +174,16 @@ class View {
     this.sun.target.position.set(target.x, target.y, 0);
   }
 
+  // As `format.rs` writes returns.
+  earned() {
+    const size = Math.abs(this.film.returns);
+    return this.film.returns.toFixed(size === 0 || size >= 1 ? 1 : size >= 0.1 ? 2 : 3);
+  }
+
   caption() {
     const name = `${this.engine.engine.name} ${this.engine.engine.version}`;
     if (!this.film) return [name, "no film of this option in this context"];
-    return [name, `return ${this.film.returns.toFixed(1)}, ${(this.middle.x - this.start).toFixed(2)} m forward`];
+    return [name, `return ${this.earned()}, ${(this.middle.x - this.start).toFixed(2)} m forward`];
   }
 }
 
