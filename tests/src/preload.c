@@ -5,6 +5,7 @@
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/syscall.h>
 #include <sys/time.h>
 #include <time.h>
@@ -12,7 +13,10 @@
 
 static atomic_long calls;
 
-static void count(void) {
+/* `to` is the new name of what is renamed, and null for an fsync. */
+static void count(const char *to) {
+    const char *into = getenv("ELO_TEST_DIE_INTO");
+    if (into && !(to && strstr(to, into))) return;
     const char *die = getenv("ELO_TEST_DIE_AT"), *stop = getenv("ELO_TEST_STOP_AT");
     long call = atomic_fetch_add(&calls, 1) + 1;
     if (die && call == atol(die)) {
@@ -23,12 +27,12 @@ static void count(void) {
 }
 
 int fsync(int file) {
-    count();
+    count(NULL);
     return (int)syscall(SYS_fsync, file);
 }
 
 int rename(const char *from, const char *to) {
-    count();
+    count(to);
     return (int)syscall(SYS_renameat2, AT_FDCWD, from, AT_FDCWD, to, 0);
 }
 

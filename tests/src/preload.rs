@@ -29,6 +29,12 @@ pub fn die_at(command: &mut Command, call: u64) {
     command.env("LD_PRELOAD", library()).env("ELO_TEST_DIE_AT", call.to_string());
 }
 
+/// Has `command` end by SIGKILL right before its `call`-th rename to a path that contains `into`, counted from 1 over all threads.
+pub fn die_at_rename_into(command: &mut Command, into: &str, call: u64) {
+    die_at(command, call);
+    command.env("ELO_TEST_DIE_INTO", into);
+}
+
 /// Has `command` stop itself (SIGSTOP) right before its `call`-th fsync or rename; [`wait_until_stopped`] waits for that.
 pub fn stop_at(command: &mut Command, call: u64) {
     command.env("LD_PRELOAD", library()).env("ELO_TEST_STOP_AT", call.to_string());

@@ -98,6 +98,37 @@ fn the_rust_of_the_readme_is_that_of_the_example() {
     }
 }
 
+/// What a workspace's `dependency` is to a package that lies beside the repository.
+fn from_outside(dependency: &toml::Value) -> toml::Value {
+    let mut found = dependency.clone();
+    if let Some(path) = found.get_mut("path") {
+        *path = format!("../elo/{}", path.as_str().expect("a path")).into();
+    }
+    found
+}
+
+#[test]
+fn the_dependencies_in_the_readme_are_those_of_the_package_that_it_names() {
+    let blocks = blocks(&read("README.md"), "toml");
+    let [shown] =
+        &blocks.iter().filter(|block| block.starts_with("[dependencies]")).collect::<Vec<_>>()[..]
+    else {
+        panic!("one block of dependencies: {blocks:?}")
+    };
+    let shown: toml::Table = shown.parse().expect("TOML");
+    let package: toml::Table = read("examples/own-plugins/Cargo.toml").parse().expect("TOML");
+    let workspace: toml::Table = read("Cargo.toml").parse().expect("TOML");
+    let mut needed = toml::Table::new();
+    for (name, here) in package["dependencies"].as_table().expect("dependencies") {
+        let mut outside = from_outside(&workspace["workspace"]["dependencies"][name]);
+        if let (Some(features), Some(outside)) = (here.get("features"), outside.as_table_mut()) {
+            outside.insert("features".to_owned(), features.clone());
+        }
+        needed.insert(name.clone(), outside);
+    }
+    assert_eq!(shown["dependencies"], toml::Value::Table(needed));
+}
+
 /// The texts below `folder`, by their paths: code, configs and documentation, without what programs make.
 fn texts(folder: &Path) -> Vec<(PathBuf, String)> {
     let entries = std::fs::read_dir(folder).expect("a folder of the repository");
