@@ -145,7 +145,8 @@ impl Over<'_> {
         };
         let runs = self.runs.len();
         let missing = runs - found.len();
-        let note = (0 < missing && missing < runs).then(|| format!("not defined in {missing} of {runs} runs"));
+        let note =
+            (0 < missing && missing < runs).then(|| format!("not defined in {missing} of {runs} runs"));
         Beside { figure: figure.to_owned(), seeds, ours, note, paper, runs, digits, comparable }
     }
 

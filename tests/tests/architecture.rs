@@ -110,8 +110,7 @@ fn from_outside(dependency: &toml::Value) -> toml::Value {
 #[test]
 fn the_dependencies_in_the_readme_are_those_of_the_package_that_it_names() {
     let blocks = blocks(&read("README.md"), "toml");
-    let [shown] =
-        &blocks.iter().filter(|block| block.starts_with("[dependencies]")).collect::<Vec<_>>()[..]
+    let [shown] = &blocks.iter().filter(|block| block.starts_with("[dependencies]")).collect::<Vec<_>>()[..]
     else {
         panic!("one block of dependencies: {blocks:?}")
     };
